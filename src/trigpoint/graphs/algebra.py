@@ -1,0 +1,55 @@
+"""Incidence matrices and Laplacians of arc lists (G16, Section 2). ``tail`` is an index only where not external."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from trigpoint.arrays import BoolArray, FloatArray, IntArray
+
+
+def incidence(n_nodes: int, tail: IntArray, head: IntArray, external: BoolArray) -> sp.csc_array:
+    """Generalized incidence ``G`` (N, M): -1 at the tail of an internal arc, +1 at every head."""
+    arcs = np.arange(tail.shape[0])
+    inner = ~external
+    rows = np.concatenate([tail[inner], head])
+    columns = np.concatenate([arcs[inner], arcs])
+    entries = np.concatenate([-np.ones(int(inner.sum())), np.ones(head.shape[0])])
+    return sp.csc_array((entries, (rows, columns)), shape=(n_nodes, tail.shape[0]))
+
+
+def extended_incidence(n_nodes: int, tail: IntArray, head: IntArray, external: BoolArray) -> sp.csc_array:
+    """Incidence with the environment as row 0 (N + 1, M): an ordinary incidence matrix (G16, Remark 1)."""
+    whole = incidence(n_nodes, tail, head, external)
+    environment = sp.csc_array(-external.astype(np.float64)[None, :])
+    return sp.csc_array(sp.vstack([environment, whole]))
+
+
+def laplacian(
+    n_nodes: int, tail: IntArray, head: IntArray, external: BoolArray, weight: FloatArray | None
+) -> sp.csr_array:
+    """Generalized Laplacian ``L = G W G^T`` assembled arc by arc; parallel arcs add up.
+
+    Diagonal: weight of all arcs at the node; off the diagonal: minus the weight between the two nodes.
+    """
+    values = np.ones((tail.shape[0], 1, 1)) if weight is None else weight.reshape(tail.shape[0], -1)
+    size = 1 if weight is None or weight.ndim == 1 else weight.shape[1]
+    values = values.reshape(tail.shape[0], size, size)
+    inner = ~external
+    t, h, w = tail[inner], head[inner], values[inner]
+    rows = np.concatenate([head, t, t, h])
+    columns = np.concatenate([head, t, h, t])
+    entries = np.concatenate([values, w, -w, -w.transpose(0, 2, 1)])
+    if size > 1:
+        rows, columns, entries = _expand(rows, columns, entries, size)
+    matrix = sp.coo_array((entries.ravel(), (rows, columns)), shape=(n_nodes * size, n_nodes * size))
+    return sp.csr_array(matrix)
+
+
+def _expand(rows: IntArray, columns: IntArray, entries: FloatArray, size: int) -> tuple[IntArray, IntArray, FloatArray]:
+    i, j = np.divmod(np.arange(size * size), size)
+    return (
+        (rows[:, None] * size + i).ravel(),
+        (columns[:, None] * size + j).ravel(),
+        entries.reshape(-1, size * size),
+    )

@@ -1,0 +1,1 @@
+"""Linear algebra without graph or control words: blocks, sparse solvers, spectra, equations, verified bounds."""

@@ -1,0 +1,62 @@
+"""The one owner of index ranges: node-major stacked vectors and block matrices (``I (x) A``).
+
+Nowhere else in the package is an offset ``i * n`` computed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from trigpoint.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A stacked vector of ``count`` equal blocks of ``size`` entries, block after block (node-major)."""
+
+    count: int
+    size: int
+
+    @property
+    def total(self) -> int:
+        """Length of the stacked vector."""
+        return self.count * self.size
+
+    def slice(self, block: int) -> slice:
+        """Positions of one block in the stacked vector."""
+        return slice(block * self.size, (block + 1) * self.size)
+
+    def positions(self, blocks: IntArray) -> IntArray:
+        """Positions of several blocks, shape (len(blocks) * size,), in the given order."""
+        offsets = np.arange(self.size, dtype=np.int64)
+        positions: IntArray = (np.asarray(blocks, dtype=np.int64)[:, None] * self.size + offsets).ravel()
+        return positions
+
+    def split(self, vector: FloatArray) -> FloatArray:
+        """Return a stacked vector (..., count * size) as (..., count, size), without copying."""
+        return vector.reshape(*vector.shape[:-1], self.count, self.size)
+
+    def stack(self, table: FloatArray) -> FloatArray:
+        """Return (..., count, size) as the stacked (..., count * size), without copying where possible."""
+        return table.reshape(*table.shape[:-2], self.total)
+
+
+def repeat_diagonal(count: int, block: FloatArray) -> sp.csr_array:
+    """``I_count (x) block``: sparse, shape (count * rows, count * columns)."""
+    return sp.csr_array(sp.kron(sp.eye_array(count), sp.csr_array(block)))
+
+
+def block_diagonal(blocks: FloatArray) -> sp.csr_array:
+    """Block diagonal sparse matrix of the (count, rows, columns) array ``blocks``."""
+    count, rows, columns = blocks.shape
+    indptr = np.arange(count + 1)
+    matrix = sp.bsr_array((blocks, np.arange(count), indptr), shape=(count * rows, count * columns))
+    return sp.csr_array(matrix)
+
+
+def expand(matrix: sp.sparray, size: int) -> sp.csr_array:
+    """``matrix (x) I_size``: every entry becomes a multiple of the identity (node-major)."""
+    return sp.csr_array(matrix) if size == 1 else sp.csr_array(sp.kron(matrix, sp.eye_array(size)))

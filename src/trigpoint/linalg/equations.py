@@ -1,0 +1,33 @@
+"""Matrix equations of small systems, each returned with its residual."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg as la
+
+from trigpoint.arrays import FloatArray
+
+
+def filter_riccati(A: FloatArray, C: FloatArray, process: FloatArray, measurement: FloatArray) -> FloatArray:
+    """Stabilizing solution Q (n, n) of ``A Q + Q A' - Q C' R^-1 C Q + S = 0`` (S process, R measurement covariance).
+
+    Raises ``numpy.linalg.LinAlgError`` when there is none (a mode on the imaginary axis that noise does not reach).
+    Source: G16, equation (17) with equality, in terms of Q = P^-1.
+    """
+    Q: FloatArray = la.solve_continuous_are(A.T, C.T, process, measurement)
+    return 0.5 * (Q + Q.T)
+
+
+def filter_riccati_residual(
+    A: FloatArray, C: FloatArray, process: FloatArray, measurement: FloatArray, Q: FloatArray
+) -> float:
+    """Largest entry of ``A Q + Q A' - Q C' R^-1 C Q + S`` relative to the largest of its terms."""
+    gain = Q @ C.T
+    terms = (A @ Q + Q @ A.T, gain @ la.solve(measurement, gain.T, assume_a="pos"), process)
+    size = max(float(np.abs(term).max(initial=0.0)) for term in terms)
+    return float(np.abs(terms[0] - terms[1] + terms[2]).max(initial=0.0)) / (size or 1.0)
+
+
+def spectral_abscissa(A: FloatArray) -> float:
+    """Largest real part of the eigenvalues (of one matrix, or the largest over a stack)."""
+    return float(np.linalg.eigvals(A).real.max())
