@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from trigpoint.arrays import BoolArray, FloatArray, IntArray
+from trigpoint.linalg.blocks import Blocks
 
 
 def incidence(n_nodes: int, tail: IntArray, head: IntArray, external: BoolArray) -> sp.csc_array:
@@ -47,9 +48,8 @@ def laplacian(
 
 
 def _expand(rows: IntArray, columns: IntArray, entries: FloatArray, size: int) -> tuple[IntArray, IntArray, FloatArray]:
-    i, j = np.divmod(np.arange(size * size), size)
-    return (
-        (rows[:, None] * size + i).ravel(),
-        (columns[:, None] * size + j).ravel(),
-        entries.reshape(-1, size * size),
-    )
+    count = int(max(rows.max(initial=-1), columns.max(initial=-1))) + 1
+    blocks = Blocks(count, size)
+    wide = np.repeat(blocks.positions(rows).reshape(-1, size, 1), size, axis=2)
+    tall = np.repeat(blocks.positions(columns).reshape(-1, 1, size), size, axis=1)
+    return wide.ravel(), tall.ravel(), entries

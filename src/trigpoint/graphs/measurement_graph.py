@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from trigpoint.arrays import BoolArray, FloatArray, IntArray, as_floats, as_indices, frozen
 from trigpoint.errors import ArgumentError, ShapeError
@@ -128,6 +128,12 @@ class MeasurementGraph:
         """Readable name of one arc: ``a -> b``, or ``environment -> b``."""
         start = "environment" if self.is_external[arc] else self.names[self.tail[arc]]
         return f"{start} -> {self.names[self.head[arc]]}"
+
+    def at_tail(self, table: NDArray[Any], environment: Any) -> NDArray[Any]:
+        """Rows of a per-node ``table`` (N, ...) at the tails of the arcs (M, ...), ``environment`` where external."""
+        rows = table[np.where(self.is_external, 0, self.tail)]
+        rows[self.is_external] = environment
+        return rows
 
     def neighbours(self, node: int) -> IntArray:
         """Nodes that share an internal arc with ``node``, ascending."""

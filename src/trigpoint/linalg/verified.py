@@ -53,9 +53,9 @@ class Couplings:
         return value, error
 
     def _gather(self, at_first: FloatArray, at_second: FloatArray, at_ground: FloatArray) -> FloatArray:
-        total = np.bincount(self.first, at_first, self.size)
-        total += np.bincount(self.second, at_second, self.size)
-        total += np.bincount(self.ground, at_ground, self.size)
+        total: FloatArray = np.zeros(self.size)
+        for positions, terms in ((self.first, at_first), (self.second, at_second), (self.ground, at_ground)):
+            total += np.bincount(positions, terms, self.size)
         return total
 
     def quadratic_form(self, x: FloatArray) -> tuple[float, float]:
@@ -64,7 +64,7 @@ class Couplings:
             [self.weight * (x[self.first] - x[self.second]) ** 2, self.ground_weight * x[self.ground] ** 2]
         )
         total = float(terms.sum())
-        slack = float(gam(terms.shape[0] + 6.0)) * total + terms.shape[0] * _TINY
+        slack = float(gam(2.0 * terms.shape[0] + 6.0)) * total + terms.shape[0] * _TINY
         return max(0.0, down(total - slack)), up(total + slack)
 
 
@@ -90,7 +90,8 @@ def collatz_wielandt_lower(matrix: Couplings, x: FloatArray) -> float:
     if not (np.isfinite(x).all() and (x > _TINY * 2.0**60).all()):
         return -np.inf
     value, error = matrix.apply(x)
-    return float(np.nextafter((value - error) / x, -np.inf).min() * (1.0 - 4.0 * UNIT_ROUNDOFF)) if x.size else np.inf
+    least = float(((value - error) / x).min())
+    return down(least - 4.0 * UNIT_ROUNDOFF * abs(least))
 
 
 def collatz_wielandt_upper(matrix: Couplings, x: FloatArray) -> float:
@@ -98,7 +99,8 @@ def collatz_wielandt_upper(matrix: Couplings, x: FloatArray) -> float:
     if not (np.isfinite(x).all() and (x > _TINY * 2.0**60).all()):
         return np.inf
     value, error = matrix.apply(x)
-    return float(np.nextafter((value + error) / x, np.inf).max() * (1.0 + 4.0 * UNIT_ROUNDOFF))
+    most = float(((value + error) / x).max())
+    return up(most + 4.0 * UNIT_ROUNDOFF * abs(most))
 
 
 def rayleigh_upper(matrix: Couplings, x: FloatArray) -> float:

@@ -1,0 +1,89 @@
+"""Observability and detectability of one small pair (A, C), decided with a margin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+from scipy.optimize import minimize
+
+from trigpoint.arrays import FloatArray
+
+_UNOBSERVABLE = 1e-12
+_OBSERVABLE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class PairMargin:
+    """Distance of a pair (A, C) from an unobservable one, relative to the size of (A, C).
+
+    Attributes:
+        margin: ``min_s sigma_min([s I - A; C]) / ||(A, C)||`` over the modes considered.
+        mode: the complex s where it is attained.
+        direction: (n,) complex unit vector that the outputs see least at that mode.
+        verdict: True (margin clearly positive), False (zero to rounding), None (cannot be decided).
+    """
+
+    margin: float
+    mode: complex
+    direction: np.ndarray
+    verdict: bool | None
+
+
+def pair_margin(A: FloatArray, C: FloatArray, *, unstable_only: bool = False) -> PairMargin:
+    """Decide observability (or detectability, with ``unstable_only``) of a small pair by the refined PBH margin.
+
+    The value of sigma_min at a computed eigenvalue misleads inside Jordan blocks, since the eigenvalue itself is only
+    known to eps^(1/size); so it is minimized over complex s near each computed eigenvalue.
+
+    We assume:
+        * A is (n, n), C is (p, n), n small (dense SVDs are taken).
+
+    Verdict: True above 1e-9 relative, False below 1e-12, None between. Cost O(n^4).
+    Source: R23, Theorem 6 with s complex (E-001-1); theory 001-05.
+    """
+    size = float(np.linalg.norm(np.vstack([A, C]), 2)) or 1.0
+    best = PairMargin(np.inf, 0j, np.zeros(A.shape[0], dtype=complex), True)
+    for eigenvalue in np.linalg.eigvals(A):
+        s, value = _refined(A, C, complex(eigenvalue), size)
+        if unstable_only and s.real < -1e-9 * size:
+            continue
+        if value / size < best.margin:
+            direction = la.svd(_pencil(A, C, s))[2][-1].conj()
+            best = PairMargin(value / size, s, direction, None)
+    if best.margin <= _UNOBSERVABLE:
+        verdict: bool | None = False
+    else:
+        verdict = True if best.margin >= _OBSERVABLE else None
+    return PairMargin(best.margin, best.mode, best.direction, verdict)
+
+
+def _pencil(A: FloatArray, C: FloatArray, s: complex) -> np.ndarray:
+    return np.vstack([s * np.eye(A.shape[0]) - A, C])
+
+
+def _refined(A: FloatArray, C: FloatArray, start: complex, size: float) -> tuple[complex, float]:
+    def objective(point: FloatArray) -> float:
+        return float(la.svdvals(_pencil(A, C, complex(point[0], point[1])))[-1])
+
+    value = objective(np.array([start.real, start.imag]))
+    if value > 1e-3 * size:
+        return start, value
+    found = minimize(
+        objective,
+        [start.real, start.imag],
+        method="Nelder-Mead",
+        options={
+            "xatol": 1e-17 * size,
+            "fatol": 1e-18 * size,
+            "maxiter": 400,
+            "initial_simplex": _simplex(start, size),
+        },
+    )
+    return (complex(found.x[0], found.x[1]), float(found.fun)) if found.fun < value else (start, value)
+
+
+def _simplex(start: complex, size: float) -> FloatArray:
+    step = 1e-4 * size
+    return np.array([[start.real, start.imag], [start.real + step, start.imag], [start.real, start.imag + step]])

@@ -1,0 +1,30 @@
+"""NumPy only: aliases, freezing, shape checks, a small matrix exponential, arrays as text."""
+
+from trigpoint.arrays.core import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_floats,
+    as_indices,
+    as_matrix,
+    frozen,
+    require_finite,
+)
+from trigpoint.arrays.exponential import expm, transition_and_integral
+from trigpoint.arrays.text import decode_array, digest_of, encode_array
+
+__all__ = [
+    "BoolArray",
+    "FloatArray",
+    "IntArray",
+    "as_floats",
+    "as_indices",
+    "as_matrix",
+    "decode_array",
+    "digest_of",
+    "encode_array",
+    "expm",
+    "frozen",
+    "require_finite",
+    "transition_and_integral",
+]

@@ -1,0 +1,61 @@
+"""A matrix exponential for agents, in NumPy alone, so that a live node can use it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trigpoint.arrays.core import FloatArray, require_finite
+from trigpoint.errors import ArgumentError
+
+_PADE_13 = (
+    64764752532480000.0, 32382376266240000.0, 7771770303897600.0, 1187353796428800.0,
+    129060195264000.0, 10559470521600.0, 670442572800.0, 33522128640.0,
+    1323241920.0, 40840800.0, 960960.0, 16380.0, 182.0, 1.0,
+)  # fmt: skip
+_PADE_13_RADIUS = 5.371920351148152  # Higham (2005), Table 2.3: 1-norm for which degree 13 reaches unit roundoff
+_EXPM_LIMIT = 64
+
+
+def expm(A: FloatArray) -> FloatArray:
+    """Matrix exponential by scaling and squaring with the Pade approximant of degree 13.
+
+    exp(A) = r_13(A / 2^s)^(2^s), A of shape (n, n), n <= 64; cost O(n^3 (10 + s)).
+
+    We assume:
+        * A is finite and small (an agent's model, not a network's).
+
+    Raises ``ArgumentError`` for a larger matrix: use ``scipy.linalg.expm`` there.
+    Source: Higham, *The scaling and squaring method for the matrix exponential revisited* (2005), key Higham2005.
+    """
+    A = np.asarray(A, dtype=np.float64)
+    n = A.shape[0]
+    if A.ndim != 2 or A.shape[1] != n or n > _EXPM_LIMIT:
+        raise ArgumentError(f"expm takes a square matrix of at most {_EXPM_LIMIT} rows; got shape {A.shape}")
+    require_finite("A", A)
+    norm = float(np.abs(A).sum(axis=0).max()) if n else 0.0
+    squarings = max(0, int(np.ceil(np.log2(norm / _PADE_13_RADIUS)))) if norm > _PADE_13_RADIUS else 0
+    result: FloatArray = _pade_13(A / 2.0**squarings)
+    for _ in range(squarings):
+        result = np.asarray(result @ result, dtype=np.float64)
+    return result
+
+
+def _pade_13(A: FloatArray) -> FloatArray:
+    b = _PADE_13
+    identity = np.eye(A.shape[0])
+    A2 = A @ A
+    A4 = A2 @ A2
+    A6 = A4 @ A2
+    odd = A @ (A6 @ (b[13] * A6 + b[11] * A4 + b[9] * A2) + b[7] * A6 + b[5] * A4 + b[3] * A2 + b[1] * identity)
+    even = A6 @ (b[12] * A6 + b[10] * A4 + b[8] * A2) + b[6] * A6 + b[4] * A4 + b[2] * A2 + b[0] * identity
+    return np.asarray(np.linalg.solve(even - odd, even + odd), dtype=np.float64)
+
+
+def transition_and_integral(A: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
+    """Return ``exp(A h)`` and ``integral_0^h exp(A s) ds``, both (n, n), from one exponential of a 2n matrix."""
+    n = A.shape[0]
+    block = np.zeros((2 * n, 2 * n))
+    block[:n, :n] = A * h
+    block[:n, n:] = np.eye(n) * h
+    exponential = expm(block)
+    return exponential[:n, :n], exponential[:n, n:]

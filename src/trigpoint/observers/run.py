@@ -1,0 +1,114 @@
+"""``Run``: what a simulation or a live run recorded. Arrays only; both producers return the same type."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trigpoint.arrays import FloatArray, IntArray
+from trigpoint.errors import ArgumentError, MissingExtraError, ShapeError
+
+_SERIES = ("error", "estimate", "messages", "status", "truth")
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Recorded truth and estimates of every node at the asked times.
+
+    Attributes:
+        times: (T,) seconds, exactly as asked for.
+        truth: (T, N, n) state of each node.
+        estimate: (T, N, n) what each node believed.
+        messages: (T, N) messages each node has sent so far.
+        status: (T, N) text, ``anchored`` or ``relative``.
+        names: N node names.
+        path: which engine ran (``stacked``, ``reference``, ``processes``).
+        attributes: numbers and texts enough to run it again.
+
+    ``run["error"]`` and the other series are arrays [time, node, state]; error = estimate - truth.
+    """
+
+    times: FloatArray
+    truth: FloatArray
+    estimate: FloatArray
+    messages: IntArray
+    status: NDArray[np.str_]
+    names: tuple[str, ...]
+    path: str
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the shapes once, so that no reader has to."""
+        if self.truth.shape != self.estimate.shape or self.truth.ndim != 3:
+            raise ShapeError(f"truth {self.truth.shape} and estimate {self.estimate.shape} must both be (T, N, n)")
+        expected = (self.times.shape[0], len(self.names))
+        for name, table in (("truth", self.truth), ("messages", self.messages), ("status", self.status)):
+            if table.shape[:2] != expected:
+                raise ShapeError(f"{name} must begin with the shape (T, N) = {expected}; got {table.shape}")
+
+    @property
+    def error(self) -> FloatArray:
+        """Estimate minus truth, (T, N, n)."""
+        return self.estimate - self.truth
+
+    @property
+    def error_norm(self) -> FloatArray:
+        """(T,) Euclidean norm of the whole network's error."""
+        norm: FloatArray = np.sqrt((self.error**2).sum(axis=(1, 2)))
+        return norm
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in _SERIES:
+            raise ArgumentError(f"a run holds {', '.join(_SERIES)}; got {name!r}")
+        series: NDArray[Any] = getattr(self, name)
+        return series
+
+    def time_to(self, level: float) -> float | None:
+        """First time after which the error norm stays at or below ``level`` (in the state's unit), or None.
+
+        Between two samples the logarithm of the norm is taken as a straight line.
+        """
+        norm = self.error_norm
+        above = np.flatnonzero(norm > level)
+        if not above.size:
+            return float(self.times[0]) if self.times.size else None
+        last = int(above[-1])
+        if last + 1 == norm.shape[0]:
+            return None
+        before, after = norm[last], max(norm[last + 1], np.finfo(float).tiny)
+        share = np.log(before / level) / np.log(before / after) if level > 0 else 1.0
+        return float(self.times[last] + share * (self.times[last + 1] - self.times[last]))
+
+    def measured_decay_rate(self) -> float | None:
+        """Slope of -log(error norm), 1/s, fitted over the second half of the samples above the rounding floor."""
+        norm = self.error_norm
+        floor = 1e-11 * (np.abs(self.truth).max(initial=0.0) * np.sqrt(self.truth[0].size) + norm.max(initial=0.0))
+        usable = np.flatnonzero(norm > floor)
+        usable = usable[usable.shape[0] // 2 :]
+        if usable.shape[0] < 2 or np.ptp(self.times[usable]) == 0.0:
+            return None
+        return float(-np.polyfit(self.times[usable], np.log(norm[usable]), 1)[0])
+
+    @property
+    def dataset(self) -> Any:
+        """The run as an ``xarray.Dataset`` (dimensions time, node, state); needs the extra ``data``."""
+        try:
+            import xarray
+        except ImportError as error:
+            raise MissingExtraError("xarray", "data", "run.dataset") from error
+        cube = ("time", "node", "state")
+        return xarray.Dataset(
+            {
+                "truth": (cube, self.truth),
+                "estimate": (cube, self.estimate),
+                "error": (cube, self.error),
+                "messages": (("time", "node"), self.messages),
+                "status": (("time", "node"), self.status),
+            },
+            coords={"time": self.times, "node": list(self.names), "state": np.arange(self.truth.shape[2])},
+            attrs={"path": self.path, **self.attributes},
+        )
