@@ -78,11 +78,11 @@ def diagnose(problem: NetworkedAgents | MeasurementGraph | Network) -> Diagnosis
     graph, agent = _as_homogeneous(problem)
     seen = pair_margin(agent.A, agent.C)
     unstable = pair_margin(agent.A, agent.C, unstable_only=True)
-    abscissa = float(np.linalg.eigvals(agent.A).real.max())
-    findings = [*_agent_findings(graph, seen, unstable), *_island_findings(graph, agent, abscissa)]
+    dies_out = _is_clearly_hurwitz(agent)
+    findings = [*_agent_findings(graph, seen, unstable), *_island_findings(graph, agent, dies_out)]
     anchored = graph.is_externally_connected
     observable = False if not anchored else seen.verdict
-    detectable = unstable.verdict if anchored or abscissa < 0.0 else False
+    detectable = unstable.verdict if anchored or dies_out else False
     return Diagnosis(observable, detectable, tuple(findings), "G16, Theorem 3 and Corollary 2", seen.margin)
 
 
@@ -96,6 +96,12 @@ def _as_homogeneous(problem: NetworkedAgents | MeasurementGraph | Network) -> tu
     raise ArgumentError(
         f"diagnose takes a NetworkedAgents, a MeasurementGraph or a Network; got {type(problem).__name__}"
     )
+
+
+def _is_clearly_hurwitz(agent: LinearAgent) -> bool:
+    """Real parts below zero by more than rounding: an oscillator's computed ones may be -1e-17."""
+    size = float(np.linalg.norm(np.vstack([agent.A, agent.C]), 2))
+    return bool(np.linalg.eigvals(agent.A).real.max() < -1e-9 * size)
 
 
 def _agent_findings(graph: MeasurementGraph, seen: PairMargin, unstable: PairMargin) -> list[Finding]:
@@ -124,8 +130,8 @@ def _agent_findings(graph: MeasurementGraph, seen: PairMargin, unstable: PairMar
     return findings
 
 
-def _island_findings(graph: MeasurementGraph, agent: LinearAgent, abscissa: float) -> list[Finding]:
-    drift = "stays unknown" if abscissa >= 0.0 else "dies out by itself, but cannot be observed"
+def _island_findings(graph: MeasurementGraph, agent: LinearAgent, dies_out: bool) -> list[Finding]:
+    drift = "dies out by itself, but cannot be observed" if dies_out else "stays unknown"
     what = "common level" if agent.is_static else "common motion"
     findings = []
     for label in np.flatnonzero(~graph.component_is_anchored).tolist():

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from trigpoint.arrays import FloatArray, IntArray, frozen
 from trigpoint.graphs import MeasurementGraph
-from trigpoint.linalg.blocks import Blocks
+from trigpoint.linalg.blocks import Blocks, block_diagonal, expand
 from trigpoint.linalg.sparse import factorize
 from trigpoint.linalg.spectral import smallest_eigenpair
 from trigpoint.linalg.verified import (
@@ -103,8 +103,9 @@ def _floating(graph: MeasurementGraph, unanchored: IntArray) -> EigenvalueBound:
     blocks = Blocks(graph.n_nodes, graph.dimension)
     vector = np.zeros((graph.n_nodes, graph.dimension))
     vector[nodes, 0] = 1.0 / np.sqrt(nodes.shape[0])
+    none = frozen([])
     return EigenvalueBound(
-        0.0, 0.0, 0.0, 0.0, frozen(blocks.stack(vector)), frozen(nodes, np.int64), frozen(unanchored, np.int64), frozen([])
+        0.0, 0.0, 0.0, 0.0, frozen(blocks.stack(vector)), frozen(nodes, np.int64), frozen(unanchored, np.int64), none
     )  # fmt: skip
 
 
@@ -169,7 +170,7 @@ def _block_bounds(
         dense = laplacian.toarray()
         dense = 0.5 * (dense + dense.T)
         # Assembly of the diagonal blocks rounds: at most (number of arcs + 1) u of the sum of absolute entries.
-        radius = 2.0**-52 * (graph.n_arcs + 2) * np.abs(dense)
+        radius = 2.0**-52 * (graph.n_arcs + 2) * _absolute_assembly(graph)
         for shift in (1e-9, 1e-6, 1e-3, 0.1):
             trial = down(value * (1.0 - shift))
             shifted = dense - trial * np.eye(dense.shape[0])
@@ -179,6 +180,15 @@ def _block_bounds(
                 break
     quotient = _block_rayleigh_upper(graph, vector)
     return lower, max(quotient, lower), witness
+
+
+def _absolute_assembly(graph: MeasurementGraph) -> FloatArray:
+    """``|G| |W| |G|'`` dense, symmetric: the sizes of what was added up in L, where entries may have cancelled."""
+    size = graph.dimension
+    incidence = abs(graph.incidence())
+    wide = expand(incidence, size)
+    whole: FloatArray = (wide @ block_diagonal(np.abs(graph.arc_weights)) @ wide.T).toarray()
+    return np.maximum(whole, whole.T)
 
 
 def _block_floor(block: FloatArray) -> float:

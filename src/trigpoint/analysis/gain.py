@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Integral
 
 from trigpoint.analysis.eigenvalue import EigenvalueBound, smallest_eigenvalue
 from trigpoint.errors import ArgumentError
@@ -32,7 +33,7 @@ def worst_case_gain(n_nodes: int) -> float:
     >>> round(worst_case_gain(8), 8)
     29.36529789
     """
-    if isinstance(n_nodes, bool) or not isinstance(n_nodes, int) or n_nodes < 1:
+    if isinstance(n_nodes, bool) or not isinstance(n_nodes, Integral) or n_nodes < 1:
         raise ArgumentError(f"n_nodes must be a whole number of at least 1; got {n_nodes!r}")
     return 1.0 / (4.0 * math.sin(math.pi / (2.0 * (2.0 * n_nodes + 1.0))) ** 2)
 
@@ -43,6 +44,6 @@ def worst_case_eigenvalue(n_nodes: int, components: int = 1) -> float:
     Attained by the chain anchored at its end, on the N - C + 1 nodes of the largest possible component.
     Source: G16, Theorem 1 and Corollary 1 (E-000-14).
     """
-    if isinstance(components, bool) or not isinstance(components, int) or not 1 <= components <= n_nodes:
+    if isinstance(components, bool) or not isinstance(components, Integral) or not 1 <= components <= n_nodes:
         raise ArgumentError(f"components must be a whole number from 1 to n_nodes = {n_nodes}; got {components!r}")
     return 1.0 / worst_case_gain(n_nodes - components + 1)

@@ -33,7 +33,10 @@ def require_finite(name: str, array: NDArray[Any]) -> None:
 def as_floats(name: str, value: ArrayLike) -> FloatArray:
     """Return a read-only float copy of ``value``, refusing text, ragged lists, NaN and infinity."""
     try:
-        array: FloatArray = frozen(value)
+        raw = np.asarray(value)
+        if raw.dtype.kind not in "biufO":
+            raise TypeError(f"dtype {raw.dtype}")
+        array: FloatArray = frozen(raw)
     except (TypeError, ValueError) as error:
         raise ArgumentError(f"{name} must be an array of real numbers; got {type(value).__name__} ({error})") from error
     require_finite(name, array)
@@ -62,11 +65,9 @@ def as_indices(name: str, value: ArrayLike, low: int, high: int) -> IntArray:
         raise ArgumentError(
             f"{name} must be a one-dimensional array of node indices; got dtype {raw.dtype}, shape {raw.shape}"
         )
-    array: IntArray = frozen(raw, np.int64)
-    outside = (array < low) | (array >= high)
+    outside = (raw < low) | (raw >= high)  # before the cast: a large unsigned number would wrap to a negative one
     if outside.any():
         position = int(np.flatnonzero(outside)[0])
-        raise ArgumentError(
-            f"{name}[{position}] = {array[position]} is no node index; expected {low} <= index < {high}"
-        )
+        raise ArgumentError(f"{name}[{position}] = {raw[position]} is no node index; expected {low} <= index < {high}")
+    array: IntArray = frozen(raw, np.int64)
     return array

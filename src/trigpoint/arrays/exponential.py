@@ -28,10 +28,14 @@ def expm(A: FloatArray) -> FloatArray:
     Source: Higham, *The scaling and squaring method for the matrix exponential revisited* (2005), key Higham2005.
     """
     A = np.asarray(A, dtype=np.float64)
-    n = A.shape[0]
-    if A.ndim != 2 or A.shape[1] != n or n > _EXPM_LIMIT:
+    if A.ndim != 2 or A.shape[1] != A.shape[0] or A.shape[0] > _EXPM_LIMIT:
         raise ArgumentError(f"expm takes a square matrix of at most {_EXPM_LIMIT} rows; got shape {A.shape}")
     require_finite("A", A)
+    return _scaled_and_squared(A)
+
+
+def _scaled_and_squared(A: FloatArray) -> FloatArray:
+    n = A.shape[0]
     norm = float(np.abs(A).sum(axis=0).max()) if n else 0.0
     squarings = max(0, int(np.ceil(np.log2(norm / _PADE_13_RADIUS)))) if norm > _PADE_13_RADIUS else 0
     result: FloatArray = _pade_13(A / 2.0**squarings)
@@ -54,8 +58,13 @@ def _pade_13(A: FloatArray) -> FloatArray:
 def transition_and_integral(A: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
     """Return ``exp(A h)`` and ``integral_0^h exp(A s) ds``, both (n, n), from one exponential of a 2n matrix."""
     n = A.shape[0]
+    if A.ndim != 2 or A.shape[1] != n or n > _EXPM_LIMIT:
+        raise ArgumentError(f"A must be a square matrix of at most {_EXPM_LIMIT} rows; got shape {A.shape}")
+    if not A.any():  # exact, so that a static truth stays where it is to the last bit
+        return np.eye(n), h * np.eye(n)
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n] = A * h
     block[:n, n:] = np.eye(n) * h
-    exponential = expm(block)
+    require_finite("A h", block)
+    exponential = _scaled_and_squared(block)
     return exponential[:n, :n], exponential[:n, n:]

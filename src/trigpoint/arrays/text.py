@@ -30,7 +30,7 @@ def decode_array(document: Any, name: str = "array") -> NDArray[Any]:
     if not isinstance(document, dict) or set(document) != {"type", "shape", "base64"}:
         raise ProtocolError(f"{name} must be an object with type, shape and base64")
     kind, shape, text = document["type"], document["shape"], document["base64"]
-    if kind not in _TYPES or not isinstance(text, str):
+    if not isinstance(kind, str) or kind not in _TYPES or not isinstance(text, str):
         raise ProtocolError(f"{name} has type {kind!r}; expected one of {sorted(_TYPES)}")
     if not isinstance(shape, list) or not all(type(k) is int and 0 <= k < _LARGEST for k in shape):
         raise ProtocolError(f"{name} has the shape {shape!r}; expected a list of whole numbers")
@@ -43,7 +43,10 @@ def decode_array(document: Any, name: str = "array") -> NDArray[Any]:
         expected *= length
     if len(data) != expected:
         raise ProtocolError(f"{name} holds {len(data)} bytes; its shape {shape} needs {expected}")
-    array = frozen(np.frombuffer(data, dtype=_TYPES[kind]).reshape(shape), kind)
+    try:
+        array = frozen(np.frombuffer(data, dtype=_TYPES[kind]).reshape(shape), kind)
+    except ValueError as error:
+        raise ProtocolError(f"{name} has the shape {shape}, which no array can have ({error})") from error
     try:
         require_finite(name, array)
     except ValueError as error:

@@ -33,9 +33,8 @@ def laplacian(
 
     Diagonal: weight of all arcs at the node; off the diagonal: minus the weight between the two nodes.
     """
-    values = np.ones((tail.shape[0], 1, 1)) if weight is None else weight.reshape(tail.shape[0], -1)
     size = 1 if weight is None or weight.ndim == 1 else weight.shape[1]
-    values = values.reshape(tail.shape[0], size, size)
+    values = (np.ones(tail.shape[0]) if weight is None else weight).reshape(tail.shape[0], size, size)
     inner = ~external
     t, h, w = tail[inner], head[inner], values[inner]
     rows = np.concatenate([head, t, t, h])

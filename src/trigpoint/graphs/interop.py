@@ -46,7 +46,13 @@ def from_networkx(graph: nx.Graph, anchors: Sequence[Any] = (), weight: str = "w
         if anchor not in position:
             raise ArgumentError(f"anchor {anchor!r} is not a node of the graph; the first nodes are {nodes[:5]}")
         arcs.append((EXTERNAL, position[anchor], 1.0))
-    weights = np.array([w for _, _, w in arcs])
+    try:
+        weights = np.array([w for _, _, w in arcs])
+    except ValueError as error:
+        raise ArgumentError(
+            f"the edge attribute {weight!r} must be a number on every edge, or a d x d block on every edge; got both, "
+            "or blocks of different size (an edge without it, and every one of anchors, has the number 1)"
+        ) from error
     unit = weights.ndim == 1 and bool((weights == 1.0).all())
     return MeasurementGraph(
         len(nodes),
@@ -61,7 +67,12 @@ def to_networkx(graph: MeasurementGraph) -> nx.MultiDiGraph:
     """Return nodes by name and one edge an arc (key = arc number); the environment is the node ``""`` if it is used.
 
     ``from_networkx(to_networkx(g))`` has the same nodes, arcs and weights (arcs perhaps in another order).
+
+    Raises:
+        ArgumentError: a node with the empty name.
     """
+    if ENVIRONMENT in graph.names:
+        raise ArgumentError("a node has the empty name, which is the environment's in networkx; rename the node")
     result = nx.MultiDiGraph()
     result.add_nodes_from(graph.names)
     external = graph.is_external

@@ -274,7 +274,7 @@ def _checked_weight(weight: ArrayLike | None, n_arcs: int) -> FloatArray | None:
         if bad.size:
             raise ArgumentError(f"weight[{bad[0]}] = {array[bad[0]]} must be positive; leave an arc of no weight out")
         return array
-    if array.ndim == 3 and array.shape[0] == n_arcs and array.shape[1] == array.shape[2]:
+    if array.ndim == 3 and array.shape[0] == n_arcs and array.shape[1] == array.shape[2] > 0:
         _check_positive_definite(array)
         return array
     raise ShapeError(f"weight must have shape ({n_arcs},) or ({n_arcs}, d, d); got {array.shape}")

@@ -6,9 +6,11 @@ Nowhere else in the package is an offset ``i * n`` computed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from trigpoint.arrays import FloatArray, IntArray
 
@@ -35,11 +37,11 @@ class Blocks:
         positions: IntArray = (np.asarray(blocks, dtype=np.int64)[:, None] * self.size + offsets).ravel()
         return positions
 
-    def split(self, vector: FloatArray) -> FloatArray:
+    def split(self, vector: NDArray[Any]) -> NDArray[Any]:
         """Return a stacked vector (..., count * size) as (..., count, size), without copying."""
         return vector.reshape(*vector.shape[:-1], self.count, self.size)
 
-    def stack(self, table: FloatArray) -> FloatArray:
+    def stack(self, table: NDArray[Any]) -> NDArray[Any]:
         """Return (..., count, size) as the stacked (..., count * size), without copying where possible."""
         return table.reshape(*table.shape[:-2], self.total)
 

@@ -134,7 +134,7 @@ def is_positive_definite(matrix: FloatArray, radius: FloatArray | float = 0.0) -
     growth = gam(j + 2.0)
     shift = float((growth / (1.0 - growth) * diagonal).sum()) * (1.0 + float(gam(n + 4.0))) + n * _TINY
     perturbation = np.broadcast_to(np.asarray(radius, dtype=np.float64), matrix.shape)
-    shift += float(perturbation.sum(axis=1).max()) * (1.0 + float(gam(n + 4.0)))
+    shift += float(perturbation.sum(axis=1).max(initial=0.0)) * (1.0 + float(gam(n + 4.0)))
     shifted = matrix.copy()
     np.fill_diagonal(shifted, np.nextafter(np.nextafter(diagonal - up(shift * _OUTWARD), -np.inf), -np.inf))
     try:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from trigpoint.arrays import BoolArray, FloatArray, IntArray, as_floats, as_indices, frozen
+from trigpoint.arrays import BoolArray, FloatArray, IntArray, as_floats, as_indices, frozen, require_finite
 from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.graphs import EXTERNAL, MeasurementGraph
 from trigpoint.linalg.blocks import Blocks
@@ -124,7 +124,8 @@ class Network:
         """The network of the estimating nodes: arcs to known marks become external arcs of their other end.
 
         An arc from mark m to node k reads ``x_k = z + x_m``, from node k to mark m ``x_k = x_m - z``; arcs between
-        marks and readings of marks say nothing about the rest and are left out.
+        marks and readings of marks say nothing about the rest and are left out. (The noise of an arc between marks is
+        known, though: arcs whose joint covariance couples them to one are conditioned on it.)
 
         Raises:
             ArgumentError: every node is a known mark.
@@ -148,12 +149,17 @@ class Network:
         tail, head = np.where(flipped, EXTERNAL, tail), np.where(flipped, tail, head)
         weight = None if graph.weight is None else graph.weight[arcs]
         offset = (graph.at_tail(height, 0.0) + height[graph.head])[arcs]
-        values = sign[:, None] * self.values.reshape(graph.n_arcs, -1)[arcs] + offset
+        table, covariance = self.values.reshape(graph.n_arcs, -1), self.covariance
+        between = np.flatnonzero(head_known & tail_known & ~graph.is_external)
+        if isinstance(covariance, sp.csr_array) and between.size:
+            noise = table[between] - (height[graph.head[between]] - height[graph.tail[between]])
+            table, covariance = _conditioned(table, covariance, arcs, between, noise)
+        values = sign[:, None] * table[arcs] + offset
         reduced = MeasurementGraph(nodes.shape[0], tail, head, weight, [graph.names[k] for k in nodes.tolist()])
         network = Network(
             reduced,
             values if self.values.ndim == 2 else values[:, 0],
-            _select_covariance(self.covariance, arcs, sign, self.dimension),
+            _select_covariance(covariance, arcs, sign, self.dimension),
             exact=self.exact[arcs],
             positions=None if self.positions is None else self.positions[nodes],
             unit=self.unit,
@@ -237,6 +243,7 @@ def _checked_covariance(
         joint = sp.csr_array(covariance)
         if joint.shape != (count * size, count * size):
             raise ShapeError(f"covariance must have shape {(count * size, count * size)}; got {joint.shape}")
+        _check_joint(joint, np.repeat(exact, size))
         return joint
     array = as_floats("covariance", covariance)
     if array.shape == (count,) and size == 1:
@@ -260,13 +267,50 @@ def _checked_covariance(
     )
 
 
+def _check_joint(joint: sp.csr_array, exact: BoolArray) -> None:
+    require_finite("covariance", joint.data)
+    bad = np.flatnonzero((joint.diagonal() <= 0) & ~exact)
+    if bad.size:
+        raise ArgumentError(f"covariance[{bad[0]}, {bad[0]}] = {joint.diagonal()[bad[0]]} must be a positive variance")
+    if abs(joint - joint.T).max() > 1e-9 * abs(joint).max():
+        raise ArgumentError("covariance must be symmetric")
+
+
 def _checked_positions(positions: ArrayLike | None, n_nodes: int) -> FloatArray | None:
     if positions is None:
         return None
-    array: FloatArray = frozen(positions)
+    try:
+        array: FloatArray = frozen(positions)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(f"positions must be numbers, NaN where unknown; got {error}") from error
     if array.shape != (n_nodes, 2):
         raise ShapeError(f"positions must have shape ({n_nodes}, 2); got {array.shape}")
+    if np.isinf(array).any():
+        raise ArgumentError("positions must be finite, or NaN where unknown; got infinity")
     return array
+
+
+def _conditioned(
+    table: FloatArray, covariance: sp.csr_array, kept: IntArray, seen: IntArray, noise: FloatArray
+) -> tuple[FloatArray, sp.csr_array]:
+    """Correct values and covariance of the arcs ``kept`` for the known ``noise`` of the correlated arcs ``seen``.
+
+    ``y - R_ks R_ss^-1 e_s`` and ``R_kk - R_ks R_ss^-1 R_sk``: the conditional law of normal noise.
+    """
+    blocks = Blocks(*table.shape)
+    rows, columns = blocks.positions(kept), blocks.positions(seen)
+    cross = covariance[rows][:, columns]
+    touched = np.flatnonzero(np.diff(cross.indptr))
+    if not touched.size:
+        return table, covariance
+    rows, cross = rows[touched], cross[touched].toarray()
+    gain = np.linalg.solve(covariance[columns][:, columns].toarray(), cross.T).T
+    corrected = blocks.stack(table).copy()
+    corrected[rows] -= gain @ noise.ravel()
+    loss = sp.coo_array(gain @ cross.T)
+    place = (rows[loss.row], rows[loss.col])
+    loss = sp.coo_array((loss.data, place), shape=covariance.shape)
+    return blocks.split(corrected), sp.csr_array(covariance - 0.5 * (loss + loss.T))
 
 
 def _select_covariance(covariance: Covariance | None, arcs: IntArray, sign: FloatArray, size: int) -> Covariance | None:

@@ -51,21 +51,19 @@ class NetworkedAgents:
 
     @property
     def is_homogeneous(self) -> bool:
-        """True when all agents have the same A and C (G16, Assumption 1)."""
-        first = self.agents[0]
-        return all(a is first or (np.array_equal(a.A, first.A) and np.array_equal(a.C, first.C)) for a in self.agents)
+        """True when all agents have the same A, C and E (G16, Assumption 1); known inputs B may differ."""
+        return all(_is_same(agent, self.agents[0]) for agent in self.agents)
 
     @property
     def agent(self) -> LinearAgent:
         """The one agent of a homogeneous network; an error names the first node that differs."""
-        first = self.agents[0]
         for node, other in enumerate(self.agents):
-            if other is not first and not (np.array_equal(other.A, first.A) and np.array_equal(other.C, first.C)):
+            if not _is_same(other, self.agents[0]):
                 raise ArgumentError(
-                    f"the agents differ: node {self.graph.names[node]!r} has another A or C than "
+                    f"the agents differ: node {self.graph.names[node]!r} has another A, C or E than "
                     f"node {self.graph.names[0]!r}; ask for problem.agents"
                 )
-        return first
+        return self.agents[0]
 
     @property
     def n_outputs(self) -> int:
@@ -87,3 +85,12 @@ class NetworkedAgents:
         """``C = G^T (x) C_1`` (in general ``(G^T (x) I_p) blockdiag(C_i)``): sparse (M p, sum n_i)."""
         differences = expand(sp.csr_array(self.graph.incidence().T), self.n_outputs)
         return sp.csr_array(differences @ sp.block_diag([agent.C for agent in self.agents]))
+
+
+def _is_same(one: LinearAgent, other: LinearAgent) -> bool:
+    if one is other:
+        return True
+    if (one.E is None) != (other.E is None):
+        return False
+    same_noise = one.E is None or other.E is None or np.array_equal(one.E, other.E)
+    return same_noise and np.array_equal(one.A, other.A) and np.array_equal(one.C, other.C)

@@ -6,9 +6,27 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from trigpoint.observers.local import LocalArc as LocalArc
+    from trigpoint.observers.local import LocalObserver as LocalObserver
+    from trigpoint.observers.local import LocalState as LocalState
+    from trigpoint.observers.local import Message as Message
+    from trigpoint.observers.network import DesignResiduals as DesignResiduals
+    from trigpoint.observers.network import DiffusiveObserver as DiffusiveObserver
+    from trigpoint.observers.network import GeneralForm as GeneralForm
+    from trigpoint.observers.network import NetworkObserver as NetworkObserver
     from trigpoint.observers.run import Run as Run
 
-_HOME = {"Run": "run"}
+_HOME = {
+    "DesignResiduals": "network",
+    "DiffusiveObserver": "network",
+    "GeneralForm": "network",
+    "LocalArc": "local",
+    "LocalObserver": "local",
+    "LocalState": "local",
+    "Message": "local",
+    "NetworkObserver": "network",
+    "Run": "run",
+}
 
 __all__ = sorted(_HOME)
 

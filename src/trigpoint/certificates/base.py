@@ -1,0 +1,47 @@
+"""What every claim is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+from trigpoint.arrays import FloatArray
+from trigpoint.errors import ProtocolError
+from trigpoint.model import NetworkedAgents
+from trigpoint.observers.certificate import ClaimRecord, Outcome
+from trigpoint.observers.network import NetworkObserver
+
+
+class Claim(ABC):
+    """A statement about an observer: ``check`` finds a witness for it, ``verify`` re-evaluates the witness.
+
+    ``verify`` trusts nothing in the record: not its verdict, not its numbers.
+    """
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def check(self, problem: NetworkedAgents, observer: NetworkObserver) -> ClaimRecord:
+        """State the claim for this observer, with its witness and verdict."""
+
+    @staticmethod
+    @abstractmethod
+    def verify(record: ClaimRecord, problem: NetworkedAgents, observer: NetworkObserver) -> Outcome:
+        """Decide again, from the witness alone."""
+
+
+def number(record: ClaimRecord, name: str) -> float:
+    """A number of the record; a missing one is a ``ProtocolError``."""
+    if name not in record.numbers:
+        raise ProtocolError(f"the claim {record.claim!r} lacks the number {name!r}")
+    return record.numbers[name]
+
+
+def witness(record: ClaimRecord, name: str, shape: tuple[int, ...]) -> FloatArray:
+    """An array of the record's witness with the shape that the problem asks for, else a ``ProtocolError``."""
+    if name not in record.witness:
+        raise ProtocolError(f"the claim {record.claim!r} lacks the witness {name!r}")
+    array = record.witness[name]
+    if array.shape != shape:
+        raise ProtocolError(f"the witness {name!r} must have shape {shape}; got {array.shape}")
+    return array

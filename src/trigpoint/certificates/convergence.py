@@ -1,0 +1,125 @@
+"""Claim: the error decays at least at a rate, by one small matrix inequality for the whole network (theory 8-G6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import scipy.linalg as la
+
+from trigpoint.analysis.eigenvalue import smallest_eigenvalue
+from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
+from trigpoint.arrays import FloatArray
+from trigpoint.certificates.base import Claim, number, witness
+from trigpoint.certificates.smallest_eigenvalue import proved_floor
+from trigpoint.linalg.verified import down, gam, is_positive_definite, up
+from trigpoint.model import NetworkedAgents
+from trigpoint.observers.certificate import ClaimRecord, Outcome
+from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
+
+_DENSE_LIMIT = 600
+_ASSUMPTIONS = (
+    "continuous exchange without delay or loss",
+    "every agent follows the model A of the problem's document",
+)
+
+
+@dataclass(frozen=True)
+class Convergence(Claim):
+    """``|e(t)| <= sqrt(cond P) e^{-rate t} |e(0)|`` for a homogeneous network.
+
+    With ``V = e' (I (x) P) e`` mode k contributes ``F(g) = P (A - g K C) + (A - g K C)' P + 2 rate P`` at
+    ``g = gain lambda_k``. F is affine in g, so that ``F < 0`` at both ends of ``[gain l, gain u]`` proves it for every
+    eigenvalue in ``[l, u]``: l is proved by a positive vector, u by the degrees. Networks with weight blocks are
+    proved as a whole up to 600 states.
+
+    Args:
+        rate: the rate to prove, 1/s; the design's guaranteed rate, less a hair for rounding, unless given.
+
+    Source: G16, proof of Theorem 4; Rump (2006), key Rump2006.
+    """
+
+    rate: float | None = None
+    name: ClassVar[str] = "convergence"
+
+    def check(self, problem: NetworkedAgents, observer: NetworkObserver) -> ClaimRecord:
+        """Choose P = Q^-1 from the design's facts and prove the rate, or fall short of it by up to one part in 1e3."""
+        if not isinstance(observer, DiffusiveObserver):
+            return self._record("inconclusive", 0.0, 0.0, {}, "not an observer of equal agents")
+        bound = smallest_eigenvalue(observer.graph)
+        P = _lyapunov_matrix(observer)
+        arrays = {"P": P} if bound.witness.size == 0 else {"P": P, "x": bound.witness}
+        wanted = observer.decay_rate if self.rate is None else self.rate
+        margins = (1e-9, 1e-7, 1e-5, 1e-3) if self.rate is None else (0.0,)
+        rates = [wanted - margin * abs(wanted) for margin in margins]
+        for rate in rates if wanted > 0.0 else ():
+            record = self._record("certified", rate, bound.lower, arrays, f"the error decays at least at {rate:.9g} /s")
+            if self.verify(record, problem, observer) == "certified":
+                return record
+        text = f"no decay at {wanted:.9g} /s could be proved"
+        return self._record("inconclusive", wanted, bound.lower, arrays, text)
+
+    def _record(
+        self, verdict: Outcome, rate: float, floor: float, arrays: dict[str, FloatArray], text: str
+    ) -> ClaimRecord:
+        return ClaimRecord(self.name, verdict, {"rate": rate, "lambda_floor": floor}, _ASSUMPTIONS, text, arrays)
+
+    @staticmethod
+    def verify(record: ClaimRecord, problem: NetworkedAgents, observer: NetworkObserver) -> Outcome:  # noqa: ARG004
+        """Prove the inequality again from P and x alone."""
+        if not isinstance(observer, DiffusiveObserver):
+            return "inconclusive"
+        n, graph = observer.agent.n_states, observer.graph
+        rate, floor = number(record, "rate"), number(record, "lambda_floor")
+        P = witness(record, "P", (n, n))
+        proved = graph.is_externally_connected and rate > 0.0 and is_positive_definite(P)
+        if not proved:
+            return "inconclusive"
+        if graph.dimension > 1:
+            return "certified" if _whole_decreases(observer, P, rate) else "inconclusive"
+        if not 0.0 < floor <= proved_floor(record, graph):
+            return "inconclusive"
+        low = down(observer.gain * floor)
+        high = up(observer.gain * largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+        certified = all(_mode_decreases(observer, P, rate, g) for g in (low, high))
+        return "certified" if certified else "inconclusive"
+
+
+def _lyapunov_matrix(observer: DiffusiveObserver) -> FloatArray:
+    n = observer.agent.n_states
+    Q = observer.facts.get("Q")
+    if not isinstance(Q, np.ndarray) or Q.shape != (n, n):
+        return np.eye(n)
+    P = np.asarray(la.cho_solve(la.cho_factor(Q), np.eye(n)), dtype=np.float64)
+    return np.asarray(0.5 * (P + P.T))
+
+
+def _mode_decreases(observer: DiffusiveObserver, P: FloatArray, rate: float, g: float) -> bool:
+    """Prove ``-(P (A - g K C) + (A - g K C)' P + 2 rate P) > 0`` for the stored A, K, C."""
+    A, C, K = observer.agent.A, observer.agent.C, observer.injection
+    closed = mode_matrices(A, K, C, np.array([g]))[0]
+    size = np.abs(A) + g * (np.abs(K) @ np.abs(C))
+    return _decreases(P, closed, size, rate)
+
+
+def _whole_decreases(observer: DiffusiveObserver, P: FloatArray, rate: float) -> bool:
+    """The same for the assembled error matrix, with ``I (x) P``."""
+    count = observer.graph.n_nodes
+    if count * P.shape[0] > _DENSE_LIMIT:
+        return False
+    H = observer.error_matrix().toarray()
+    coupling = np.abs(observer.graph.laplacian().toarray())
+    pull = np.kron(np.eye(count), np.abs(observer.gain * observer.injection)) @ coupling
+    size = np.abs(np.kron(np.eye(count), observer.agent.A)) + pull @ np.kron(np.eye(count), np.abs(observer.agent.C))
+    return _decreases(np.asarray(np.kron(np.eye(count), P)), H, np.asarray(size + np.abs(H)), rate)
+
+
+def _decreases(P: FloatArray, F: FloatArray, size: FloatArray, rate: float) -> bool:
+    product = P @ F
+    decrease = -(product + product.T) - 2.0 * rate * P
+    # Every entry is a sum of at most 4 n + 8 rounded terms of this size, whatever the order of evaluation.
+    magnitude = np.abs(P) @ size
+    magnitude = magnitude + magnitude.T + 2.0 * rate * np.abs(P)
+    radius = gam(8.0 * P.shape[0] + 64.0) * magnitude
+    return is_positive_definite(0.5 * (decrease + decrease.T), radius)

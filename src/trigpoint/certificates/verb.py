@@ -1,0 +1,87 @@
+"""The verbs ``certify`` and ``verify``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from trigpoint.arrays import digest_of
+from trigpoint.certificates.base import Claim
+from trigpoint.certificates.convergence import Convergence
+from trigpoint.certificates.locality import Locality
+from trigpoint.certificates.smallest_eigenvalue import SmallestEigenvalue
+from trigpoint.errors import ArgumentError, ProtocolError
+from trigpoint.model import NetworkedAgents
+from trigpoint.model.documents import problem_document
+from trigpoint.observers.certificate import Certificate, Outcome
+from trigpoint.observers.documents import observer_document
+from trigpoint.observers.network import NetworkObserver
+
+CLAIMS: tuple[type[Claim], ...] = (SmallestEigenvalue, Convergence, Locality)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The outcome of checking a certificate again: the worst of its claims, and each claim's own outcome."""
+
+    outcome: Outcome
+    claims: tuple[tuple[str, Outcome], ...]
+
+    def summary(self) -> str:
+        """One line a claim."""
+        return "\n".join(f"{outcome}: {name}" for name, outcome in self.claims)
+
+
+def certify(problem: NetworkedAgents, observer: NetworkObserver, claims: Sequence[Claim] | None = None) -> Certificate:
+    """Prove claims about ``observer``; all of ``CLAIMS`` unless ``claims`` names some.
+
+    Args:
+        problem: what is estimated.
+        observer: the design to judge; nothing of the design's own conclusions is trusted.
+        claims: claims with their numbers, for example ``[Convergence(rate=0.5)]``.
+
+    Raises:
+        ArgumentError: the observer belongs to another problem.
+    """
+    problem_text, observer_text = _digests(problem, observer)
+    chosen = [kind() for kind in CLAIMS] if claims is None else list(claims)
+    if not chosen:
+        raise ArgumentError("claims must hold at least one claim")
+    return Certificate(problem_text, observer_text, tuple(claim.check(problem, observer) for claim in chosen))
+
+
+def verify(certificate: Certificate, problem: NetworkedAgents, observer: NetworkObserver) -> Verdict:
+    """Check every claim of ``certificate`` again, from its witness alone.
+
+    Args:
+        certificate: what somebody handed out.
+        problem: the problem it names by digest.
+        observer: the observer it names by digest.
+
+    Raises:
+        ProtocolError: a digest does not match, a claim is unknown, a witness is missing or has the wrong shape.
+    """
+    problem_text, observer_text = _digests(problem, observer)
+    for what, ours, theirs in (
+        ("problem", problem_text, certificate.problem_digest),
+        ("observer", observer_text, certificate.observer_digest),
+    ):
+        if ours != theirs:
+            raise ProtocolError(f"the certificate is for another {what}: digest {theirs[:12]}..., not {ours[:12]}...")
+    known = {kind.name: kind for kind in CLAIMS}
+    outcomes = []
+    for record in certificate.records:
+        if record.claim not in known:
+            raise ProtocolError(f"unknown claim {record.claim!r}; known are {', '.join(sorted(known))}")
+        outcomes.append((record.claim, known[record.claim].verify(record, problem, observer)))
+    found = {outcome for _, outcome in outcomes}
+    worst: Outcome = "refuted" if "refuted" in found else "inconclusive" if "inconclusive" in found else "certified"
+    return Verdict(worst, tuple(outcomes))
+
+
+def _digests(problem: NetworkedAgents, observer: NetworkObserver) -> tuple[str, str]:
+    document = observer_document(observer)
+    problem_digest = digest_of(problem_document(problem))
+    if digest_of(document["problem"]) != problem_digest:
+        raise ArgumentError("the observer was designed for another problem")
+    return problem_digest, digest_of(document)

@@ -1,0 +1,90 @@
+"""Problems as JSON documents (kind ``trigpoint/problem``): everything needed to state them again, nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from trigpoint.arrays import FloatArray, decode_array, encode_array
+from trigpoint.errors import ArgumentError, ProtocolError
+from trigpoint.graphs import MeasurementGraph
+from trigpoint.model.agents import LinearAgent
+from trigpoint.model.networked import NetworkedAgents
+
+KIND = "trigpoint/problem"
+VERSION = 1
+
+
+def problem_document(problem: NetworkedAgents) -> dict[str, Any]:
+    """The problem as a JSON object; equal agents are written once."""
+    distinct: list[LinearAgent] = []
+    which = []
+    for agent in problem.agents:
+        position = next((k for k, other in enumerate(distinct) if other is agent), len(distinct))
+        if position == len(distinct):
+            distinct.append(agent)
+        which.append(position)
+    return {
+        "kind": KIND,
+        "version": VERSION,
+        "graph": graph_document(problem.graph),
+        "agents": [_agent_document(agent) for agent in distinct],
+        "agent_of_node": encode_array(np.array(which)),
+    }
+
+
+def read_problem(document: Mapping[str, Any]) -> NetworkedAgents:
+    """Read ``problem_document``; what does not fit is a ``ProtocolError``."""
+    _check_head(document, KIND, VERSION)
+    try:
+        agents = [_read_agent(entry) for entry in document["agents"]]
+        which = decode_array(document["agent_of_node"], "agent_of_node")
+        return NetworkedAgents(read_graph(document["graph"]), [agents[k] for k in which.tolist()])
+    except (KeyError, IndexError, TypeError, ArgumentError) as error:
+        raise ProtocolError(f"the problem document does not fit: {error}") from error
+
+
+def graph_document(graph: MeasurementGraph) -> dict[str, Any]:
+    """The graph as a JSON object."""
+    return {
+        "n_nodes": graph.n_nodes,
+        "tail": encode_array(graph.tail),
+        "head": encode_array(graph.head),
+        "weight": None if graph.weight is None else encode_array(graph.weight),
+        "names": list(graph.names),
+    }
+
+
+def read_graph(document: Mapping[str, Any]) -> MeasurementGraph:
+    """Read ``graph_document``."""
+    weight = document["weight"]
+    return MeasurementGraph(
+        document["n_nodes"],
+        decode_array(document["tail"], "tail"),
+        decode_array(document["head"], "head"),
+        None if weight is None else decode_array(weight, "weight"),
+        document["names"],
+    )
+
+
+def _agent_document(agent: LinearAgent) -> dict[str, Any]:
+    return {key: _optional(getattr(agent, key)) for key in ("A", "C", "B", "E")}
+
+
+def _read_agent(document: Mapping[str, Any]) -> LinearAgent:
+    parts = {key: None if document[key] is None else decode_array(document[key], key) for key in ("A", "C", "B", "E")}
+    return LinearAgent(**parts)  # type: ignore[arg-type]
+
+
+def _optional(matrix: FloatArray | None) -> dict[str, Any] | None:
+    return None if matrix is None else encode_array(matrix)
+
+
+def _check_head(document: Mapping[str, Any], kind: str, version: int) -> None:
+    if document.get("kind") != kind or document.get("version") != version:
+        raise ProtocolError(
+            f"expected kind {kind!r}, version {version}; got kind {document.get('kind')!r}, "
+            f"version {document.get('version')!r}"
+        )

@@ -1,0 +1,56 @@
+"""Observers as JSON documents (kind ``trigpoint/observer``), with the problem they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from trigpoint.arrays import decode_array, encode_array
+from trigpoint.errors import ProtocolError
+from trigpoint.model.documents import problem_document, read_problem
+from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
+
+KIND = "trigpoint/observer"
+VERSION = 1
+
+
+def observer_document(observer: NetworkObserver) -> dict[str, Any]:
+    """The observer as a JSON object: form, gains, rates, facts, and its problem."""
+    if not isinstance(observer, DiffusiveObserver):
+        raise ProtocolError(f"no document form for {type(observer).__name__}")
+    return {
+        "kind": KIND,
+        "version": VERSION,
+        "form": "diffusive",
+        "method": observer.method,
+        "gain": observer.gain,
+        "injection": encode_array(observer.injection),
+        "decay_rate": observer.decay_rate,
+        "spectral_abscissa": observer.spectral_abscissa,
+        "facts": {key: _plain(value) for key, value in observer.facts.items()},
+        "problem": problem_document(observer.problem),
+    }
+
+
+def read_observer(document: Mapping[str, Any]) -> DiffusiveObserver:
+    """Read ``observer_document``; what does not fit is a ``ProtocolError``."""
+    if document.get("kind") != KIND or document.get("version") != VERSION or document.get("form") != "diffusive":
+        raise ProtocolError(f"expected kind {KIND!r}, version {VERSION}, form 'diffusive'")
+    try:
+        problem = read_problem(document["problem"])
+        injection = decode_array(document["injection"], "injection")
+        gain, rate, abscissa = document["gain"], document["decay_rate"], document["spectral_abscissa"]
+        method, facts = document["method"], dict(document["facts"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ProtocolError(f"the observer document does not fit: {error}") from error
+    if injection.shape != (problem.agent.n_states, problem.n_outputs):
+        raise ProtocolError(f"injection must have shape (n, p); got {injection.shape}")
+    if not all(isinstance(value, float | int) and np.isfinite(value) for value in (gain, rate)) or gain <= 0:
+        raise ProtocolError(f"gain must be a positive number and decay_rate a number; got {gain!r}, {rate!r}")
+    return DiffusiveObserver(str(method), problem, injection, float(gain), float(rate), abscissa, facts)
+
+
+def _plain(value: Any) -> Any:
+    return encode_array(value) if isinstance(value, np.ndarray) else value

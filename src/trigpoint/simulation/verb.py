@@ -1,0 +1,108 @@
+"""The verb ``simulate``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from trigpoint.arrays import FloatArray
+from trigpoint.errors import ArgumentError
+from trigpoint.model import NetworkedAgents
+from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
+from trigpoint.observers.run import Run
+from trigpoint.simulation import reference, stacked
+from trigpoint.simulation.clockwork import Tick
+from trigpoint.simulation.plant import Plant, node_table
+from trigpoint.simulation.scenario import Scenario
+from trigpoint.simulation.stacked import Progress, Series
+
+
+def _silent(ticks: Iterable[Tick]) -> Iterable[Tick]:
+    return ticks
+
+
+def simulate(
+    problem: NetworkedAgents, observer: NetworkObserver, scenario: Scenario, *, progress: Progress = _silent
+) -> Run:
+    """Run ``observer`` on ``problem`` and record truth and estimates at the scenario's times.
+
+    Paths: ``stacked`` works on all nodes at once; ``reference`` steps each local observer by itself with messages in
+    between and is the oracle. ``auto`` takes ``reference`` where messages are lost, else ``stacked``; ``run.path``
+    names what ran.
+
+    Args:
+        problem: the network the truth follows.
+        observer: what the nodes run.
+        scenario: times, start, exchange, noise.
+        progress: wraps the sequence of exchanges, for a progress bar.
+
+    We assume:
+        * equal agents; the observer belongs to a network of the same size.
+
+    Raises:
+        ArgumentError, ShapeError: the scenario does not fit the problem; noise between exchanges is asked for.
+    """
+    if not isinstance(observer, DiffusiveObserver):
+        raise ArgumentError(f"simulate runs observers made by design(); got {type(observer).__name__}")
+    if observer.graph.n_nodes != problem.graph.n_nodes or observer.graph.n_arcs != problem.graph.n_arcs:
+        raise ArgumentError(f"the observer belongs to another network: {observer.graph} against {problem.graph}")
+    _check_noise(scenario)
+    plant = Plant.of(problem, scenario)
+    truth = node_table("initial_state", scenario.initial_state, problem.states)
+    estimate = truth + node_table("initial_error", scenario.initial_error, problem.states)
+    path = _chosen_path(scenario)
+    truths, estimates, messages = _run(path, observer, plant, scenario, truth, estimate, progress)
+    anchored = problem.graph.component_is_anchored[problem.graph.component_labels]
+    status = np.broadcast_to(np.where(anchored, "anchored", "relative"), messages.shape)
+    return Run(
+        scenario.times, truths, estimates, messages, status, problem.graph.names, path, _attributes(observer, scenario)
+    )
+
+
+def _run(
+    path: str,
+    observer: DiffusiveObserver,
+    plant: Plant,
+    scenario: Scenario,
+    truth: FloatArray,
+    estimate: FloatArray,
+    progress: Progress,
+) -> Series:
+    if scenario.period is None:
+        continuous = stacked.continuous if path == "stacked" else reference.continuous
+        return continuous(observer, plant, scenario, truth, estimate)
+    sampled = stacked.sampled if path == "stacked" else reference.sampled
+    return sampled(observer, plant, scenario, truth, estimate, progress)
+
+
+def _chosen_path(scenario: Scenario) -> str:
+    lossy = scenario.channel is not None and scenario.channel.loss > 0.0
+    if scenario.path == "stacked" and lossy:
+        raise ArgumentError("the stacked path knows no message loss; use path='reference' or 'auto'")
+    if scenario.path == "auto":
+        return "reference" if lossy else "stacked"
+    return scenario.path
+
+
+def _check_noise(scenario: Scenario) -> None:
+    if scenario.noise is None or scenario.noise.process == 0.0 or scenario.period is None:
+        return
+    ratio = scenario.times / scenario.period
+    if np.abs(ratio - np.round(ratio)).max() > 1e-9:
+        raise ArgumentError("with process noise the output times must be multiples of the period")
+
+
+def _attributes(observer: DiffusiveObserver, scenario: Scenario) -> dict[str, Any]:
+    noise, channel = scenario.noise, scenario.channel
+    return {
+        "method": observer.method,
+        "gain": observer.gain,
+        "guaranteed_rate": observer.decay_rate,
+        "period": scenario.period,
+        "seed": scenario.seed,
+        "noise_measurement": 0.0 if noise is None else noise.measurement,
+        "noise_process": 0.0 if noise is None else noise.process,
+        "loss": 0.0 if channel is None else channel.loss,
+    }
