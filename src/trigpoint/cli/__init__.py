@@ -1,1 +1,5 @@
-"""In the making."""
+"""The command line: composes the spokes, holds no mathematics. Every command has ``--json``."""
+
+from trigpoint.cli.app import app, main
+
+__all__ = ["app", "main"]

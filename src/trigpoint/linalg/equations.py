@@ -7,6 +7,8 @@ import scipy.linalg as la
 
 from trigpoint.arrays import FloatArray
 
+_ON_THE_AXIS = 1e-14  # relative: real parts of computed eigenvalues below it are rounding
+
 
 def filter_riccati(A: FloatArray, C: FloatArray, process: FloatArray, measurement: FloatArray) -> FloatArray:
     """Stabilizing solution Q (n, n) of ``A Q + Q A' - Q C' R^-1 C Q + S = 0`` (S process, R measurement covariance).
@@ -15,7 +17,11 @@ def filter_riccati(A: FloatArray, C: FloatArray, process: FloatArray, measuremen
     Source: G16, equation (17) with equality, in terms of Q = P^-1.
     """
     Q: FloatArray = la.solve_continuous_are(A.T, C.T, process, measurement)
-    return 0.5 * (Q + Q.T)
+    Q = 0.5 * (Q + Q.T)
+    closed = A - Q @ C.T @ la.solve(measurement, C)
+    if spectral_abscissa(closed) >= -_ON_THE_AXIS * float(np.abs(closed).max()):
+        raise np.linalg.LinAlgError("the solution found does not stabilize: there is a mode that noise does not reach")
+    return Q
 
 
 def filter_riccati_residual(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from trigpoint.arrays import FloatArray, decode_array, encode_array
+from trigpoint.arrays import FloatArray, as_indices, decode_array, encode_array
 from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.model.agents import LinearAgent
@@ -40,7 +40,7 @@ def read_problem(document: Mapping[str, Any]) -> NetworkedAgents:
     _check_head(document, KIND, VERSION)
     try:
         agents = [_read_agent(entry) for entry in document["agents"]]
-        which = decode_array(document["agent_of_node"], "agent_of_node")
+        which = as_indices("agent_of_node", decode_array(document["agent_of_node"], "agent_of_node"), 0, len(agents))
         return NetworkedAgents(read_graph(document["graph"]), [agents[k] for k in which.tolist()])
     except (KeyError, IndexError, TypeError, ArgumentError) as error:
         raise ProtocolError(f"the problem document does not fit: {error}") from error

@@ -84,12 +84,18 @@ class Run:
         return float(self.times[last] + share * (self.times[last + 1] - self.times[last]))
 
     def measured_decay_rate(self) -> float | None:
-        """Slope of -log(error norm), 1/s, fitted over the second half of the samples above the rounding floor."""
+        """Slope of -log(error norm), 1/s, over the later half of the samples that are clear of the floor.
+
+        The floor is rounding, or ten times the last value where the run has settled (noise, or readings that
+        contradict each other, leave an error that does not decay). None where fewer than three samples are left.
+        """
         norm = self.error_norm
-        floor = 1e-11 * (np.abs(self.truth).max(initial=0.0) * np.sqrt(self.truth[0].size) + norm.max(initial=0.0))
-        usable = np.flatnonzero(norm > floor)
+        scale = np.abs(self.truth).max(initial=0.0) * np.sqrt(self.truth[0].size) + norm.max(initial=0.0)
+        usable = np.flatnonzero(norm > max(1e-11 * scale, 10.0 * norm[-1]))
+        if usable.shape[0] < 6:
+            usable = np.flatnonzero(norm > 1e-11 * scale)
         usable = usable[usable.shape[0] // 2 :]
-        if usable.shape[0] < 2 or np.ptp(self.times[usable]) == 0.0:
+        if usable.shape[0] < 3 or np.ptp(self.times[usable]) == 0.0:
             return None
         return float(-np.polyfit(self.times[usable], np.log(norm[usable]), 1)[0])
 

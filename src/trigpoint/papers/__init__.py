@@ -1,1 +1,6 @@
-"""In the making."""
+"""Reproductions: each computes a paper's published numbers from its definitions, through public names only."""
+
+from trigpoint.papers.base import Cell, Reproduction
+from trigpoint.papers.verb import EXPERIMENTS, reproduce
+
+__all__ = ["EXPERIMENTS", "Cell", "Reproduction", "reproduce"]

@@ -1,0 +1,104 @@
+"""``trigpoint check``: can every node know its state?"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from trigpoint.analysis import Diagnosis, EigenvalueBound, diagnose, gain_bound, smallest_eigenvalue, worst_case_gain
+from trigpoint.cli.compose import Given, estimating, read
+from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, console, emit, guarded
+from trigpoint.graphs import MeasurementGraph
+
+_VERDICT = {True: "observable", False: "unobservable", None: "undecided"}
+_CODE = {True: HOLDS, False: FAILS, None: UNDECIDED}
+_SHOWN = 20
+
+Weighted = Annotated[
+    bool, typer.Option("--weighted", help="Use 1/sigma^2 as arc weights (mean 1); exactly known nodes are left out.")
+]
+
+
+@guarded
+def check(file: Input, weighted: Weighted = False, as_json: Json = False) -> int:
+    """Say whether every node can know its state, why not, what to add; and which gain the network needs.
+
+    Exit code 0: observable; 1: not; 3: cannot be decided at this precision.
+    """
+    given = read(file)
+    graph = estimating(given, "precision").problem.graph if weighted else given.graph
+    diagnosis = diagnose(given.problem)
+    bound = smallest_eigenvalue(graph)
+    if as_json:
+        emit(facts(given.graph, diagnosis, bound))
+    else:
+        _show(given, diagnosis, bound)
+    return _CODE[diagnosis.observable]
+
+
+def facts(graph: MeasurementGraph, diagnosis: Diagnosis, bound: EigenvalueBound) -> dict[str, Any]:
+    """The JSON object of ``check``."""
+    return {
+        "nodes": graph.n_nodes,
+        "arcs": graph.n_arcs,
+        "anchors": int(graph.is_external.sum()),
+        "components": [
+            {"nodes": [graph.names[k] for k in nodes.tolist()], "anchored": bool(anchored)}
+            for nodes, anchored in zip(graph.components, graph.component_is_anchored, strict=True)
+        ],
+        "verdict": _VERDICT[diagnosis.observable],
+        "detectable": diagnosis.detectable,
+        "theorem": diagnosis.theorem,
+        "findings": [
+            {
+                "kind": finding.kind,
+                "nodes": [graph.names[k] for k in finding.nodes],
+                "text": finding.text,
+                "remedy": finding.remedy,
+            }
+            for finding in diagnosis.findings
+        ],
+        "lambda_min": {"value": bound.value, "lower": bound.lower, "upper": bound.upper},
+        "gain_bound": gain_bound(bound),
+        "worst_case_gain": worst_case_gain(graph.n_nodes),
+    }
+
+
+def network_table(graph: MeasurementGraph) -> Table:
+    """Nodes, arcs, anchors and components, as a table for people."""
+    anchored = int(np.count_nonzero(graph.component_is_anchored))
+    table = Table(show_header=False, box=None, pad_edge=False)
+    inner = graph.n_arcs - int(graph.is_external.sum())
+    table.add_row("nodes", f"{graph.n_nodes}")
+    table.add_row("arcs", f"{graph.n_arcs} ({inner} differences, {graph.n_arcs - inner} absolute)")
+    table.add_row("anchored nodes", f"{graph.anchored_nodes.shape[0]}")
+    table.add_row("components", f"{len(graph.component_is_anchored)} ({anchored} anchored)")
+    table.add_row("externally connected", "yes" if graph.is_externally_connected else "no")
+    return table
+
+
+def gain_table(graph: MeasurementGraph, bound: EigenvalueBound) -> Table:
+    """``lambda_min`` with its bounds and the gains that follow."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_row("lambda_min", f"{bound.value:.12g}")
+    table.add_row("  rigorous bounds", f"[{bound.lower:.15g}, {bound.upper:.15g}]", style="dim")
+    if bound.lower > 0:
+        table.add_row("gain bound 1/lambda_min", f"{gain_bound(bound):.10g}")
+    table.add_row(f"worst case for {graph.n_nodes} nodes", f"{worst_case_gain(graph.n_nodes):.10g}")
+    return table
+
+
+def _show(given: Given, diagnosis: Diagnosis, bound: EigenvalueBound) -> None:
+    out = console()
+    out.print(network_table(given.graph))
+    words = {True: "yes", False: "no", None: "cannot be decided at this precision"}
+    out.print(f"\nCan every node know its state? {words[diagnosis.observable]}  ({diagnosis.theorem})", style="bold")
+    for finding in diagnosis.findings[:_SHOWN]:
+        out.print(f"  - {finding.text}\n    {finding.remedy}")
+    if len(diagnosis.findings) > _SHOWN:
+        out.print(f"  ... and {len(diagnosis.findings) - _SHOWN} more findings (--json lists all)")
+    out.print()
+    out.print(gain_table(given.graph, bound))

@@ -1,0 +1,148 @@
+"""From a file to problem, method and scenario: the only place that joins the spokes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from trigpoint.errors import ArgumentError, FileFormatError
+from trigpoint.graphs import MeasurementGraph
+from trigpoint.io import ScenarioFile, load
+from trigpoint.io.sections import DesignSection, SimulateSection
+from trigpoint.methods import METHODS, Fixed, FromGraph, GainRule, LocalKalman, Method, WorstCase
+from trigpoint.model import LinearAgent, Network, NetworkedAgents
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What a file holds: the drawn graph, the measured network if there are values, the agent, the choices."""
+
+    path: Path
+    graph: MeasurementGraph
+    network: Network | None
+    agent: LinearAgent
+    design: DesignSection
+    simulate: SimulateSection
+
+    @property
+    def problem(self) -> NetworkedAgents:
+        """The agents on the whole drawn network (marks included), unit weights unless the file sets weights."""
+        return NetworkedAgents(self.graph, self.agent)
+
+
+def read(path: Path) -> Given:
+    """Read any file that states a network; a document of another kind is an error."""
+    loaded = load(path)
+    agent, design, simulate = None, DesignSection(), SimulateSection()
+    if isinstance(loaded, ScenarioFile):
+        agent, design, simulate = loaded.agent, loaded.design, loaded.simulate or simulate
+        loaded = loaded.network
+    elif isinstance(loaded, NetworkedAgents):
+        return Given(path, loaded.graph, None, loaded.agent, design, simulate)
+    if isinstance(loaded, Network):
+        return Given(path, loaded.graph, loaded, agent or LinearAgent.static(loaded.dimension), design, simulate)
+    if isinstance(loaded, MeasurementGraph):
+        return Given(path, loaded, None, agent or LinearAgent.static(loaded.dimension), design, simulate)
+    raise FileFormatError(path, f"holds a {type(loaded).__name__}; this command needs a network or a scenario")
+
+
+def measured(given: Given) -> Network:
+    """The measured network, or an error that says that there are no values."""
+    if given.network is None:
+        raise FileFormatError(given.path, "has no measured values; this command needs them (column 'value')")
+    return given.network
+
+
+@dataclass(frozen=True, eq=False)
+class Estimating:
+    """The part of the network that estimates, with the observer's weights.
+
+    Attributes:
+        problem: agents on the estimating nodes.
+        network: their measurements, or None.
+        marks: number of known marks that announce their value and estimate nothing.
+    """
+
+    problem: NetworkedAgents
+    network: Network | None
+    marks: int
+
+
+def estimating(given: Given, weights: str) -> Estimating:
+    """Take out the known marks and set the arcs' weights.
+
+    ``precision`` takes 1/sigma^2 scaled to mean 1; an exact reading would weigh infinitely much, so that its node
+    becomes a known mark.
+    """
+    network = given.network
+    if network is None:
+        if weights == "precision":
+            raise FileFormatError(given.path, "has no sigma, so weights = 'precision' has nothing to go by")
+        return Estimating(given.problem, None, 0)
+    if weights == "precision":
+        network = network.with_exact_readings_as_marks()
+    marks = len(network.known)
+    part = network.without_known_marks().network if marks else network
+    graph = part.graph
+    if weights == "precision":
+        precision = part.precision_weights()
+        if precision is None:
+            raise FileFormatError(given.path, "has no sigma, so weights = 'precision' has nothing to go by")
+        graph = graph.with_weight(precision)
+    return Estimating(NetworkedAgents(graph, given.agent), part, marks)
+
+
+def method_of(design: DesignSection) -> Method:
+    """The design method that a scenario or the command line asks for."""
+    labels = [kind.label for kind in METHODS]
+    if design.method not in labels:
+        raise ArgumentError(f"no design method is called {design.method!r}; known are {', '.join(labels)}")
+    return LocalKalman(gain=_gain_rule(design), process=design.process, measurement=design.measurement)
+
+
+def _gain_rule(design: DesignSection) -> GainRule:
+    margin = 1.05 if design.margin is None else design.margin
+    if design.gain == "from-graph":
+        return FromGraph(margin)
+    if design.gain == "worst-case":
+        if design.max_nodes is None:
+            raise ArgumentError("gain 'worst-case' needs max_nodes (--max-nodes): the largest network it must serve")
+        return WorstCase(design.max_nodes, margin)
+    return Fixed(float(design.gain))
+
+
+def changed(design: DesignSection, **options: object) -> DesignSection:
+    """The design section with the command line's own options, checked like a file's."""
+    given = {key: value for key, value in options.items() if value is not None}
+    if "gain" in given:
+        given["gain"] = _number_or_word(str(given["gain"]))
+    try:
+        return DesignSection.model_validate({**design.model_dump(exclude_none=True), **given})
+    except ValueError as error:
+        raise ArgumentError(_first_line(error)) from error
+
+
+def _number_or_word(text: str) -> object:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _first_line(error: ValueError) -> str:
+    errors = getattr(error, "errors", None)
+    if errors is None:
+        return str(error)
+    first = errors()[0]
+    where = "--" + ".".join(str(part) for part in first["loc"]).replace("_", "-")
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}"
+
+
+def instants(simulate: SimulateSection, rate: float) -> np.ndarray:
+    """Output times: the scenario's, or 201 from 0 to the time in which the guaranteed rate gains six decades."""
+    if simulate.instants is not None:
+        return simulate.instants
+    horizon = np.log(1e6) / rate if rate > 0 else 10.0
+    return np.linspace(0.0, float(f"{horizon:.3g}"), 201)

@@ -1,0 +1,178 @@
+"""``trigpoint design``, ``certify`` and ``verify``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from trigpoint.analysis import diagnose
+from trigpoint.arrays import digest_of
+from trigpoint.certificates import Certificate, certify, verify
+from trigpoint.cli.compose import changed, estimating, method_of, read
+from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, Out, console, emit, guarded, notice
+from trigpoint.errors import FileFormatError
+from trigpoint.io import load, save
+from trigpoint.methods import design
+from trigpoint.model import NetworkedAgents
+from trigpoint.model.documents import problem_document
+from trigpoint.observers.certificate import Outcome
+from trigpoint.observers.documents import observer_document
+from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
+
+CODE: dict[Outcome, int] = {"certified": HOLDS, "refuted": FAILS, "inconclusive": UNDECIDED}
+
+MethodName = Annotated[str | None, typer.Option("--method", help="Design method (local-kalman).")]
+Gain = Annotated[str | None, typer.Option("--gain", help="from-graph, worst-case, or a number.")]
+Margin = Annotated[float | None, typer.Option("--margin", help="Factor above the gain bound (1.05).")]
+MaxNodes = Annotated[int | None, typer.Option("--max-nodes", help="Largest network, for --gain worst-case.")]
+Weights = Annotated[str | None, typer.Option("--weights", help="unit, or precision (1/sigma^2, mean 1).")]
+
+
+@guarded
+def design_command(
+    file: Input,
+    method: MethodName = None,
+    gain: Gain = None,
+    margin: Margin = None,
+    max_nodes: MaxNodes = None,
+    weights: Weights = None,
+    with_certificate: Annotated[bool, typer.Option("--certify", help="Prove the design, too.")] = False,
+    out: Out = None,
+    as_json: Json = False,
+) -> int:
+    """Design the observer that each node runs with its neighbours only.
+
+    --out DIR writes problem.json, observer.json and (with --certify) certificate.json. Exit code 1: no observer
+    exists, or a claim is refuted; 3: a claim is inconclusive.
+    """
+    given = read(file)
+    choices = changed(given.design, method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights)
+    part = estimating(given, choices.weights)
+    diagnosis = diagnose(part.problem)
+    if diagnosis.detectable is False:
+        notice(f"no observer exists:\n{diagnosis.summary()}")
+        if as_json:
+            emit({"method": choices.method, "gain": None, "decay_rate": None, "spectral_abscissa": None,
+                  "certificate": {"verdict": None}, "findings": [f.text for f in diagnosis.findings]})  # fmt: skip
+        return FAILS
+    observer = design(part.problem, method_of(choices))
+    certificate = certify(part.problem, observer) if with_certificate else None
+    if out is not None:
+        write_documents(out, part.problem, observer, certificate)
+    if as_json:
+        emit(facts(observer, certificate))
+    else:
+        _show(observer, certificate, part.marks, out)
+    return HOLDS if certificate is None else CODE[certificate.verdict]
+
+
+def write_documents(
+    folder: Path, problem: NetworkedAgents, observer: NetworkObserver, certificate: Certificate | None
+) -> None:
+    """Write the three documents side by side."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save(problem, folder / "problem.json")
+    save(observer, folder / "observer.json")
+    if certificate is not None:
+        save(certificate, folder / "certificate.json")
+
+
+def facts(observer: NetworkObserver, certificate: Certificate | None) -> dict[str, Any]:
+    """The JSON object of ``design``."""
+    known = {key: value for key, value in observer.facts.items() if isinstance(value, str | float | int | None)}
+    return {
+        "method": observer.method,
+        "gain": observer.gain if isinstance(observer, DiffusiveObserver) else None,
+        "decay_rate": observer.decay_rate,
+        "spectral_abscissa": observer.spectral_abscissa,
+        "nodes": observer.graph.n_nodes,
+        "facts": known,
+        "certificate": {"verdict": None if certificate is None else certificate.verdict},
+    }
+
+
+def _show(observer: NetworkObserver, certificate: Certificate | None, marks: int, out: Path | None) -> None:
+    screen = console()
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_row("method", observer.method)
+    table.add_row("estimating nodes", f"{observer.graph.n_nodes}" + (f" ({marks} known marks)" if marks else ""))
+    if isinstance(observer, DiffusiveObserver):
+        table.add_row("gain", f"{observer.gain:.10g}  ({observer.facts.get('gain_rule', 'given')})")
+    rate = f"{observer.decay_rate:.6g} /s" if observer.decay_rate > 0 else "none (no decay is guaranteed)"
+    table.add_row("guaranteed decay rate", rate)
+    if observer.spectral_abscissa is not None:
+        table.add_row("computed spectral abscissa", f"{observer.spectral_abscissa:.6g} /s")
+    residuals = observer.verify_design_equations() if observer.graph.n_nodes <= 2000 else None
+    if residuals is not None:
+        table.add_row("design equations", f"residuals {residuals.dynamics:.1e}, {residuals.output:.1e}")
+    screen.print(table)
+    if certificate is not None:
+        screen.print(f"\ncertificate: {certificate.verdict}", style="bold")
+        screen.print(certificate.summary())
+    if out is not None:
+        screen.print(f"\nwritten to {out}")
+
+
+@guarded
+def certify_command(
+    file: Annotated[Path, typer.Argument(help="An observer.json written by design.")],
+    out: Out = None,
+    as_json: Json = False,
+) -> int:
+    """Prove what an observer guarantees; --out FILE writes the certificate."""
+    observer = load(file)
+    if not isinstance(observer, DiffusiveObserver):
+        raise FileFormatError(file, f"holds a {type(observer).__name__}; expected an observer")
+    certificate = certify(observer.problem, observer)
+    if out is not None:
+        save(certificate, out)
+    if as_json:
+        emit({"verdict": certificate.verdict, "claims": _claims(certificate)})
+    else:
+        console().print(certificate.summary())
+    return CODE[certificate.verdict]
+
+
+@guarded
+def verify_command(
+    file: Annotated[Path, typer.Argument(help="A certificate.json, beside its problem.json and observer.json.")],
+    as_json: Json = False,
+) -> int:
+    """Check a certificate again, from its witnesses alone.
+
+    Exit code 0: certified; 1: refuted; 3: inconclusive; 2: malformed, changed, or for another observer.
+    """
+    certificate = load(file)
+    if not isinstance(certificate, Certificate):
+        raise FileFormatError(file, f"holds a {type(certificate).__name__}; expected a certificate")
+    problem = _beside(file, "problem", certificate.problem_digest)
+    observer = _beside(file, "observer", certificate.observer_digest)
+    verdict = verify(certificate, problem, observer)
+    if as_json:
+        claims = [{"claim": name, "verdict": outcome} for name, outcome in verdict.claims]
+        emit({"verdict": verdict.outcome, "claims": claims})
+    else:
+        console().print(verdict.summary())
+    return CODE[verdict.outcome]
+
+
+def _claims(certificate: Certificate) -> list[dict[str, Any]]:
+    return [
+        {"claim": record.claim, "verdict": record.verdict, "text": record.text, "numbers": dict(record.numbers)}
+        for record in certificate.records
+    ]
+
+
+def _beside(certificate: Path, what: str, digest: str) -> Any:
+    """The document of that name beside the certificate, if its digest is the named one."""
+    path = certificate.with_name(f"{what}.json")
+    if not path.exists():
+        raise FileFormatError(path, f"is missing: a certificate is checked against the {what} beside it")
+    loaded = load(path)
+    document = problem_document(loaded) if isinstance(loaded, NetworkedAgents) else observer_document(loaded)
+    if digest_of(document) != digest:
+        raise FileFormatError(path, f"is not the {what} that the certificate names (its digest differs)")
+    return loaded

@@ -1,0 +1,103 @@
+"""``trigpoint convert``, ``reproduce``, ``report`` and ``watch``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from trigpoint.cli.compose import estimating, read
+from trigpoint.cli.shell import FAILS, HOLDS, Json, Out, console, emit, guarded
+from trigpoint.dashboard import replay_app, serve
+from trigpoint.errors import FileFormatError
+from trigpoint.io import ScenarioFile, load, save, write_atomically
+from trigpoint.observers.run import Run
+from trigpoint.papers import EXPERIMENTS, reproduce
+from trigpoint.report import render, run_page
+
+
+@guarded
+def convert(
+    source: Annotated[Path, typer.Argument(help="File to read.")],
+    target: Annotated[Path, typer.Argument(help="File to write; its ending names the format.")],
+    as_json: Json = False,
+) -> int:
+    """Read a network in one format and write it in another (.csv, .tsv, .gkf, .graphml, .json)."""
+    loaded = load(source)
+    if isinstance(loaded, ScenarioFile):
+        loaded = loaded.network
+    save(loaded, target)
+    if as_json:
+        emit({"from": str(source), "to": str(target)})
+    else:
+        console().print(f"written to {target}")
+    return HOLDS
+
+
+@guarded
+def reproduce_command(
+    name: Annotated[str | None, typer.Argument(help="Experiment; none lists them.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Compute a paper's experiment and print its published numbers beside ours. Exit code 1: some number differs."""
+    if name is None:
+        if as_json:
+            emit({"experiments": sorted(EXPERIMENTS)})
+        else:
+            console().print("\n".join(sorted(EXPERIMENTS)))
+        return HOLDS
+    result = reproduce(name)
+    if as_json:
+        emit({"name": result.name, "source": result.source, "cells": [vars(cell) for cell in result.cells]})
+    else:
+        table = Table("", "paper", "ours", "difference", "verdict", box=None, pad_edge=False)
+        for cell in result.cells:
+            table.add_row(cell.at, f"{cell.paper:.10g}", f"{cell.ours:.10g}", f"{cell.error:.1e}", cell.verdict)
+        screen = console()
+        screen.print(f"{result.source}\n{result.text}\n")
+        screen.print(table)
+    return HOLDS if result.agrees else FAILS
+
+
+@guarded
+def report(
+    file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz).")],
+    out: Out = None,
+    as_json: Json = False,
+) -> int:
+    """Write the report of a recorded run: one HTML file, beside the run unless --out names another place."""
+    run = _run(file)
+    target = file.with_suffix(".html") if out is None else out
+    rate = run.attributes.get("guaranteed_rate")
+    page = run_page(run, title=f"Run {file.name}", rate=rate if isinstance(rate, float) and rate > 0 else None)
+    write_atomically(target, render(page))
+    if as_json:
+        emit({"report": str(target)})
+    else:
+        console().print(f"written to {target}")
+    return HOLDS
+
+
+@guarded
+def watch(
+    file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz).")],
+    network: Annotated[Path, typer.Argument(help="Its network: any file that simulate takes.")],
+    port: Annotated[int, typer.Option("--port", help="Port on 127.0.0.1.")] = 8765,
+) -> int:
+    """Replay a recorded run in the browser, from this machine only. Ends with Ctrl-C."""
+    run = _run(file)
+    given = read(network)
+    graph = next((g for g in (given.graph, estimating(given, "unit").problem.graph) if g.names == run.names), None)
+    if graph is None:
+        raise FileFormatError(network, "is not the network of this run: the node names differ")
+    serve(replay_app(run, graph), port)
+    return HOLDS
+
+
+def _run(path: Path) -> Run:
+    run = load(path)
+    if not isinstance(run, Run):
+        raise FileFormatError(path, f"holds a {type(run).__name__}; expected a run (.npz written by simulate)")
+    return run

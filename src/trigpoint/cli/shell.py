@@ -1,0 +1,101 @@
+"""What every command shares: exit codes, JSON on standard output, errors and progress on standard error."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from trigpoint.errors import TrigpointError
+
+HOLDS, FAILS, MISUSE, UNDECIDED = 0, 1, 2, 3
+
+P = ParamSpec("P")
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else.")]
+Out = Annotated[Path | None, typer.Option("--out", help="Where to write (a file or folder, see the command).")]
+Input = Annotated[Path, typer.Argument(help="Edge list (.csv, .tsv), .gkf, .graphml, .json, or a scenario (.toml).")]
+
+
+def guarded(command: Callable[P, int]) -> Callable[P, None]:
+    """Turn the command's return value into the exit code, and errors into one line and exit code 2."""
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            code = command(*args, **kwargs)
+        except TrigpointError as error:
+            fail(str(error))
+        except BrokenPipeError:  # the reader of our output left: nothing is wrong here
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(HOLDS) from None
+        except OSError as error:
+            fail(f"{error.filename or 'the system'}: {error.strerror or error}")
+        else:
+            raise typer.Exit(code)
+
+    return run
+
+
+def fail(text: str) -> None:
+    """Print an error on standard error and leave with exit code 2."""
+    print(f"error: {text}", file=sys.stderr)
+    raise typer.Exit(MISUSE)
+
+
+def notice(text: str) -> None:
+    """Say something beside the result, on standard error."""
+    print(text, file=sys.stderr)
+
+
+def emit(document: dict[str, Any]) -> None:
+    """Print one JSON object; NaN and infinity become null."""
+    print(json.dumps(plain(document), indent=2, allow_nan=False, ensure_ascii=False))
+
+
+def plain(value: Any) -> Any:
+    """The value in JSON's own types."""
+    if isinstance(value, dict):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def console() -> Console:
+    """Standard output for people: styles on a terminal, plain text elsewhere; names are never read as markup."""
+    return Console(highlight=False, soft_wrap=True, markup=False)
+
+
+def tracked(title: str) -> Callable[[Iterable[Any]], Iterable[Any]]:
+    """A progress bar on standard error around a sequence; nothing when that is not a terminal."""
+
+    def wrap(items: Iterable[Any]) -> Iterator[Any]:
+        if not sys.stderr.isatty():
+            yield from items
+            return
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+            known = list(items)
+            task = progress.add_task(title, total=len(known))
+            for item in known:
+                yield item
+                progress.advance(task)
+
+    return wrap

@@ -1,0 +1,162 @@
+"""``trigpoint simulate``: watch the nodes converge."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from trigpoint.analysis import diagnose
+from trigpoint.cli.compose import Estimating, Given, changed, estimating, instants, method_of, read
+from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Weights
+from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, guarded, notice, tracked
+from trigpoint.errors import ArgumentError
+from trigpoint.estimation import estimate
+from trigpoint.io import save, write_atomically
+from trigpoint.io.sections import SimulateSection
+from trigpoint.methods import design
+from trigpoint.observers.network import NetworkObserver
+from trigpoint.observers.run import Run
+from trigpoint.report import render, run_page
+from trigpoint.simulation import Channel, Noise, Scenario, simulate
+
+Horizon = Annotated[float | None, typer.Option("--horizon", help="Simulated seconds.")]
+Period = Annotated[float | None, typer.Option("--period", help="Seconds between exchanges; continuous if absent.")]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random.")]
+
+
+@guarded
+def simulate_command(
+    file: Input,
+    method: MethodName = None,
+    gain: Gain = None,
+    margin: Margin = None,
+    max_nodes: MaxNodes = None,
+    weights: Weights = None,
+    horizon: Horizon = None,
+    period: Period = None,
+    seed: Seed = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> int:
+    """Simulate the observer from a wrong start.
+
+    On a measured network of constants the readings are those of the file, and the error is the distance from the
+    least-squares answer. --out FILE.npz keeps the run, --out FILE.html writes a report.
+    """
+    given = read(file)
+    choices = changed(given.design, method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights)
+    part = estimating(given, choices.weights)
+    diagnosis = diagnose(part.problem)
+    if diagnosis.detectable is False:
+        notice(f"no observer exists:\n{diagnosis.summary()}")
+        if as_json:
+            emit({"path": None, "time_to_1_percent": None, "final_error": None, "decay_rate_measured": None})
+        return FAILS
+    observer = design(part.problem, method_of(choices))
+    scenario = scenario_of(given, part, observer, _section(given.simulate, horizon, period, seed))
+    run = simulate(part.problem, observer, scenario, progress=tracked("simulating"))
+    if out is not None:
+        _write(out, run, given, part, observer)
+    if as_json:
+        emit(facts(run, observer))
+    else:
+        _show(run, observer, given, out)
+    return HOLDS
+
+
+def _section(
+    section: SimulateSection, horizon: float | None, period: float | None, seed: int | None
+) -> SimulateSection:
+    given: dict[str, Any] = {
+        key: value for key, value in (("period", period), ("seed", seed), ("horizon", horizon)) if value is not None
+    }
+    kept = section.model_dump(exclude_none=True)
+    if horizon is not None:
+        kept.pop("times", None)
+    try:
+        return SimulateSection.model_validate({**kept, **given})
+    except ValueError as error:
+        raise ArgumentError(f"--horizon and --period must be positive, --seed at least 0 ({error})") from error
+
+
+def scenario_of(
+    given: Given, part: Estimating, observer: NetworkObserver, section: SimulateSection
+) -> Scenario:  # fmt: skip
+    """The scenario of a file; recorded readings where the states are constants that were measured."""
+    recorded = part.network is not None and given.agent.is_static
+    truth: Any = 0.0 if section.initial_state is None else section.initial_state
+    measurements = None
+    if recorded and part.network is not None:
+        answer = estimate(part.network, uncertainty=False)
+        truth, measurements = answer.x.reshape(part.problem.graph.n_nodes, -1), part.network.values
+    noise = Noise(section.noise.measurement, float(section.noise.process))
+    return Scenario(
+        instants(section, observer.decay_rate),
+        1.0 if section.initial_error is None else section.initial_error,
+        truth,
+        period=section.period,
+        noise=noise if noise.measurement or noise.process else None,
+        channel=Channel(section.loss) if section.loss else None,
+        measurements=measurements,
+        seed=section.seed,
+        path=section.path,
+    )
+
+
+def facts(run: Run, observer: NetworkObserver) -> dict[str, Any]:
+    """The JSON object of ``simulate``."""
+    norm = run.error_norm
+    return {
+        "path": run.path,
+        "time_to_1_percent": run.time_to(0.01 * float(norm[0])),
+        "final_error": float(norm[-1]),
+        "initial_error": float(norm[0]),
+        "decay_rate_measured": run.measured_decay_rate(),
+        "decay_rate": observer.decay_rate,
+        "spectral_abscissa": observer.spectral_abscissa,
+        "horizon": float(run.times[-1]),
+        "messages": int(run.messages[-1].sum()),
+        "nodes": len(run.names),
+    }
+
+
+def _write(out: Path, run: Run, given: Given, part: Estimating, observer: NetworkObserver) -> None:
+    if out.suffix.lower() == ".html":
+        network = part.network
+        positions = None if network is None or network.positions is None else network.positions
+        if positions is not None and not np.isfinite(positions).all():
+            positions = None
+        page = run_page(
+            run,
+            title=f"Simulation of {given.path.name}",
+            graph=part.problem.graph,
+            positions=positions,
+            rate=observer.decay_rate if observer.decay_rate > 0 else None,
+            unit="" if network is None else network.unit,
+        )
+        write_atomically(out, render(page))
+    else:
+        save(run, out)
+
+
+def _show(run: Run, observer: NetworkObserver, given: Given, out: Path | None) -> None:
+    values = facts(run, observer)
+    unit = "" if given.network is None or not given.network.unit else f" {given.network.unit}"
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_row("engine", f"{run.path}, {len(run.names)} nodes, {run.times[-1]:g} s")
+    table.add_row("error norm", f"{values['initial_error']:.4g}{unit} -> {values['final_error']:.4g}{unit}")
+    reached = values["time_to_1_percent"]
+    table.add_row("time to 1 %", "not reached" if reached is None else f"{reached:.4g} s")
+    measured = values["decay_rate_measured"]
+    table.add_row("decay rate", f"measured {'-' if measured is None else format(measured, '.5g')} /s, "
+                                f"guaranteed {observer.decay_rate:.5g} /s")  # fmt: skip
+    if values["messages"]:
+        table.add_row("messages", f"{values['messages']}")
+    screen = console()
+    screen.print(table)
+    if out is not None:
+        screen.print(f"written to {out}")

@@ -1,0 +1,227 @@
+"""The tables of a scenario file as pydantic models: declared keys, strict types, frozen values."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from trigpoint.arrays import FloatArray, frozen
+from trigpoint.io.text import shown
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _matrix(value: Any) -> FloatArray:
+    rows = [[value]] if _is_number(value) else value
+    whole = isinstance(rows, list) and rows and all(isinstance(row, list) and row for row in rows)
+    if not whole or not all(_is_number(entry) for row in rows for entry in row):
+        raise ValueError(f"got {shown(value)}, expected a matrix such as [[0, 1], [0, 0]]")
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError(f"got rows of {sorted({len(row) for row in rows})} numbers, expected rows of equal length")
+    return frozen(rows)
+
+
+def _covariance(value: Any) -> FloatArray:
+    matrix = _matrix(value)
+    square = matrix.shape[0] == matrix.shape[1]
+    if not square or not np.array_equal(matrix, matrix.T) or np.linalg.eigvalsh(matrix)[0] < 0:
+        raise ValueError(f"got {shown(value)}, expected a covariance: square, symmetric, no negative eigenvalue")
+    return matrix
+
+
+def _numbers(value: Any) -> Any:
+    def good(entry: Any) -> bool:
+        return _is_number(entry) or (isinstance(entry, list) and bool(entry) and all(map(good, entry)))
+
+    if not good(value):
+        raise ValueError(f"got {shown(value)}, expected a number or a list of numbers")
+    return value
+
+
+def _gain(value: Any) -> Any:
+    if value in ("from-graph", "worst-case") or (_is_number(value) and value > 0):
+        return value
+    raise ValueError(f"got {shown(value)}, expected 'from-graph', 'worst-case' or a positive number")
+
+
+def _instants(value: Any) -> FloatArray:
+    if not isinstance(value, list) or not value or not all(map(_is_number, value)):
+        raise ValueError(f"got {shown(value)}, expected a list of times in seconds")
+    times = frozen(value)
+    if times[0] < 0 or (np.diff(times) <= 0).any():
+        raise ValueError(f"got {shown(value)}, expected increasing times from 0 on")
+    return times
+
+
+def _process(value: Any) -> Any:
+    if isinstance(value, bool) or (_is_number(value) and value >= 0):
+        return value
+    raise ValueError(f"got {shown(value)}, expected true, false or a number of at least 0")
+
+
+Matrix = Annotated[Any, BeforeValidator(_matrix)]
+CovarianceMatrix = Annotated[Any, BeforeValidator(_covariance)]
+Numbers = Annotated[Any, AfterValidator(_numbers)]
+PositiveNumber = Annotated[float, Field(gt=0)]
+
+
+class Section(BaseModel):
+    """Frozen, strict, no undeclared key."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", arbitrary_types_allowed=True)
+
+
+class AgentSection(Section):
+    """``[agent]``: one agent ``x' = A x + B u + E v`` with relative output ``C x``."""
+
+    A: Matrix
+    C: Matrix
+    B: Matrix | None = None
+    E: Matrix | None = None
+
+
+class DesignSection(Section):
+    """``[design]``: which observer, with which gain."""
+
+    method: Annotated[str, Field(min_length=1)] = "local-kalman"
+    gain: Annotated[Any, AfterValidator(_gain)] = "from-graph"
+    margin: Annotated[float, Field(ge=1)] | None = None
+    max_nodes: Annotated[int, Field(ge=1)] | None = None
+    weights: Literal["unit", "precision"] = "unit"
+    process: CovarianceMatrix | None = None
+    measurement: CovarianceMatrix | None = None
+
+
+class NoiseSection(Section):
+    """``noise`` in ``[simulate]``: process noise (on, off, or a scale) and the measurements' standard deviation."""
+
+    process: Annotated[Any, AfterValidator(_process)] = False
+    measurement: Annotated[float, Field(ge=0)] = 0.0
+
+
+class SimulateSection(Section):
+    """``[simulate]``: instants (s), exchange period (s; None is continuous), errors, noise, loss, seed."""
+
+    times: Annotated[Any, BeforeValidator(_instants)] | None = None
+    horizon: PositiveNumber | None = None
+    samples: Annotated[int, Field(ge=2)] | None = None
+    period: PositiveNumber | None = None
+    initial_error: Numbers | None = None
+    initial_state: Numbers | None = None
+    noise: NoiseSection = NoiseSection()
+    loss: Annotated[float, Field(ge=0, le=1)] = 0.0
+    seed: Annotated[int, Field(ge=0)] = 0
+    path: Literal["auto", "stacked", "reference"] = "auto"
+
+    @model_validator(mode="after")
+    def _one_way_to_say_when(self) -> SimulateSection:
+        if self.times is not None and (self.horizon is not None or self.samples is not None):
+            raise ValueError("got times beside horizon or samples; give times, or horizon with samples")
+        if self.samples is not None and self.horizon is None:
+            raise ValueError("got samples without horizon; give both, or times")
+        return self
+
+    @property
+    def instants(self) -> FloatArray | None:
+        """The times (T,) as listed, or ``samples`` (default 201) from 0 to ``horizon``; None for neither."""
+        if self.times is not None:
+            return np.asarray(self.times, dtype=np.float64)
+        if self.horizon is None:
+            return None
+        return np.linspace(0.0, self.horizon, 201 if self.samples is None else self.samples)
+
+
+class RunSection(Section):
+    """``[run]``: how live nodes exchange; the runtime checks the values."""
+
+    rate: PositiveNumber | None = None
+    transport: Any = None
+    security: Any = None
+
+
+class NetworkSection(Section):
+    """``[network]``: arcs (a file's name, or rows) or a gallery, and fixed points."""
+
+    arcs: Any = None
+    fixed: dict[str, Numbers] = Field(default_factory=dict)
+    gallery: dict[str, Any] | None = None
+
+
+class ArcRow(Section):
+    """One inline row: as an edge list's; without ``from`` an absolute reading, without any value a bare arc."""
+
+    start: Annotated[Any, Field(alias="from")] = ""
+    to: Any
+    value: Numbers | None = None
+    sigma: Annotated[Any, AfterValidator(_numbers)] | None = None
+
+
+class Document(Section):
+    """The whole file."""
+
+    network: NetworkSection
+    agent: AgentSection | None = None
+    design: DesignSection = DesignSection()
+    simulate: SimulateSection | None = None
+    run: RunSection | None = None
+
+
+_Count = Annotated[int, Field(ge=1)]
+
+
+class ChainGallery(Section):
+    """Parameters of ``chain``, ``cycle``, ``complete`` and ``star``."""
+
+    n: _Count
+    anchors: list[int] | None = None
+
+
+class GridGallery(Section):
+    """Parameters of ``grid``."""
+
+    rows: _Count
+    cols: _Count
+    anchors: list[int] | None = None
+
+
+class RandomGallery(Section):
+    """Parameters of ``random_connected``; the generator is seeded here."""
+
+    n: _Count
+    connectivity: Annotated[float, Field(gt=0, le=1)]
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class RadiusGallery(Section):
+    """Parameters of ``within_radius``."""
+
+    positions: Matrix
+    radius: PositiveNumber
+    anchors: list[int] | None = None
+    anchor_positions: Matrix | None = None
+
+
+SECTIONS: tuple[type[Section], ...] = (
+    NetworkSection,
+    AgentSection,
+    DesignSection,
+    SimulateSection,
+    NoiseSection,
+    RunSection,
+)
+"""The models that stand inside others, by which an unknown key finds its table's known ones."""
+
+GALLERY: dict[str, type[Section]] = {
+    "chain": ChainGallery,
+    "cycle": ChainGallery,
+    "complete": ChainGallery,
+    "star": ChainGallery,
+    "grid": GridGallery,
+    "random_connected": RandomGallery,
+    "within_radius": RadiusGallery,
+}
+"""Parameters of each gallery network, by the function of ``trigpoint.graphs`` that makes it."""
