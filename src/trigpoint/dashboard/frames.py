@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trigpoint.arrays import FloatArray, as_floats
-from trigpoint.dashboard.places import drawing_places
 from trigpoint.errors import ArgumentError, ProtocolError, ShapeError
 from trigpoint.graphs import MeasurementGraph
+from trigpoint.graphs.layout import node_positions
 
 if TYPE_CHECKING:
     from trigpoint.observers.run import Run
@@ -45,7 +45,7 @@ def topology_message(run: Run, graph: MeasurementGraph, positions: ArrayLike | N
     Raises ``ShapeError`` where the numbers of nodes differ, ``ArgumentError`` for a run without samples.
     """
     check_run(run, graph)
-    places = drawing_places(graph) if positions is None else _checked_places(graph, positions)
+    places = node_positions(graph) if positions is None else _checked_places(graph, positions)
     inner = ~graph.is_external
     ends = np.sort(np.column_stack([graph.tail[inner], graph.head[inner]]), axis=1)
     return {

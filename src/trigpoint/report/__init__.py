@@ -3,8 +3,8 @@
 Importing this package loads neither matplotlib nor jinja2; the first figure or page does.
 """
 
+from trigpoint.graphs.layout import node_positions
 from trigpoint.report.figures import error_figure, network_figure
-from trigpoint.report.layout import node_positions
 from trigpoint.report.page import Figure, Page, Section, Table, render
 from trigpoint.report.run_page import run_page
 

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from trigpoint.arrays import BoolArray, FloatArray, IntArray, as_floats, as_indices
 from trigpoint.errors import ShapeError
 from trigpoint.graphs import MeasurementGraph
+from trigpoint.graphs.layout import arc_pairs, node_positions
 from trigpoint.report import _engines
 from trigpoint.report._text import printable, shortened
-from trigpoint.report.layout import arc_pairs, node_positions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,0 +1,205 @@
+"""Pages: one file, nothing from outside, everything escaped."""
+
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from trigpoint import graphs
+from trigpoint.errors import ArgumentError, MissingExtraError, ShapeError
+from trigpoint.observers.run import Run
+from trigpoint.report import Figure, Page, Section, Table, error_figure, render, run_page
+from trigpoint.report._text import cell
+
+HOSTILE = "<script>alert('x')</script><img src=http://evil.example/x>\" onload=\"x"
+SVG = '<svg xmlns="http://www.w3.org/2000/svg"><g/></svg>'
+VOID = {"meta"}
+
+
+class Reader(HTMLParser):
+    """Collects elements, attributes and text, and checks that elements close in order."""
+
+    def __init__(self):
+        super().__init__()
+        self.elements, self.open, self.text = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def read(html):
+    reader = Reader()
+    reader.feed(html)
+    reader.close()
+    assert not reader.open
+    for tag, attributes in reader.elements:
+        assert tag not in {"script", "link", "img", "iframe", "object", "base", "form", "a"}
+        for name, value in attributes.items():
+            assert not name.startswith("on")
+            if name in {"src", "href", "xlink:href", "action"}:
+                assert value.startswith(("#", "data:"))
+    assert "url(http" not in html
+    assert "@import" not in html
+    return reader
+
+
+def recorded(names=("a", "b", "c"), samples=5):
+    times = np.linspace(0.0, 4.0, samples)
+    truth = np.zeros((samples, len(names), 2))
+    estimate = truth + np.exp(-times)[:, None, None] * (1.0 + np.arange(len(names)))[:, None]
+    messages = np.arange(samples)[:, None] * np.ones(len(names), dtype=np.int64)
+    status = np.full((samples, len(names)), "anchored")
+    return Run(times, truth, estimate, messages, status, tuple(names), "stacked", {"seed": 7, "note": HOSTILE})
+
+
+def test_a_page_is_one_safe_accessible_file():
+    items = (Table(("name", "value"), (("a", 1.5), ("b", None)), "A table"), Figure(SVG, "A figure"))
+    reader = read(render(Page("Title", "Subtitle", (Section("First", "One.\n\nTwo.\r\n \r\nThree.", items),))))
+    policy = [m["content"] for m in reader.all("meta") if m.get("http-equiv") == "Content-Security-Policy"]
+    assert policy[0].startswith("default-src 'none'; style-src 'unsafe-inline'; img-src data:")
+    assert reader.all("html") == [{"lang": "en"}]
+    assert any(m.get("name") == "viewport" for m in reader.all("meta"))
+    assert {th["scope"] for th in reader.all("th")} == {"col", "row"}
+    assert reader.all("td")[0]["class"] == "right"
+    assert len(reader.all("figure")) == len(reader.all("figcaption")) == 1
+    assert len([p for p in reader.all("p") if "class" not in p]) == 3
+
+
+def test_every_text_is_escaped():
+    table = Table((HOSTILE, "b"), ((HOSTILE, HOSTILE),), HOSTILE)
+    page = Page(HOSTILE, HOSTILE, (Section(HOSTILE, HOSTILE, (table, Figure(SVG, HOSTILE))),))
+    reader = read(render(page))
+    assert reader.text.count(HOSTILE) >= 8
+
+
+def test_what_utf8_cannot_carry_is_replaced():
+    html = render(Page("a\x00b\ud800", "", (Section("s", items=(Table(("c",), (("\x1b[31m",),)),)),)))
+    assert "a\ufffdb\ufffd" in html
+    html.encode("utf-8")
+
+
+def test_render_is_deterministic_and_handles_the_empty():
+    page = Page("Nothing", "", (Section("Empty", items=(Table(("a",), ()),)),))
+    assert render(page) == render(page)
+    read(render(page))
+    read(render(Page("", "", ())))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "\u2013"),
+        (np.nan, "\u2013"),
+        (-np.inf, "\u2212∞"),
+        (np.inf, "∞"),
+        (True, "yes"),
+        (np.False_, "no"),
+        (-12345, "\u221212\u202f345"),
+        (np.int64(3), "3"),
+        (1 / 3, "0.333333"),
+        (np.float32(-0.5), "\u22120.5"),
+        ("as it is", "as it is"),
+    ],
+)
+def test_cells(value, text):
+    assert cell(value) == text
+
+
+def test_alignment_follows_the_cells():
+    table = Table(("a", "b", "c", "d"), (("x", 1, None, True), ("y", 2.0, None, False)))
+    assert table.alignments == ("left", "right", "left", "left")
+    assert Table(("a",), (), align=("right",)).alignments == ("right",)
+
+
+@pytest.mark.parametrize(
+    ("build", "error", "text"),
+    [
+        (lambda: Table(("a", "b"), ((1, 2), (1,))), ShapeError, "row 1 of the table has 1 cells"),
+        (lambda: Table(("a",), (), align=("left", "left")), ShapeError, "align has 2 entries"),
+        (lambda: Table(("a",), (), align=("middle",)), ArgumentError, "'middle'"),
+        (lambda: Figure("<!DOCTYPE svg><svg/>", ""), ArgumentError, "DOCTYPE"),
+        (lambda: Figure("<svg>", ""), ArgumentError, "well-formed"),
+        (lambda: Figure("<p/>", ""), ArgumentError, "must be an <svg>"),
+        (lambda: Figure("<svg><script/></svg>", ""), ArgumentError, "<script>"),
+        (lambda: Figure('<svg onload="x"/>', ""), ArgumentError, "event handler"),
+        (lambda: Figure('<svg><use href="http://evil.example"/></svg>', ""), ArgumentError, "outside itself"),
+        (lambda: Figure("<svg><style>@import 'x';</style></svg>", ""), ArgumentError, "outside itself"),
+        (lambda: Figure('<svg style="fill: url(http://x)"/>', ""), ArgumentError, "outside itself"),
+        (lambda: Figure("<svg><?xml-stylesheet href='x'?></svg>", ""), ArgumentError, "processing instruction"),
+    ],
+)
+def test_misuse(build, error, text):
+    with pytest.raises(error, match=text):
+        build()
+
+
+def test_a_real_figure_is_accepted():
+    svg = error_figure([0, 1], [2, 1])
+    assert Figure(svg, "").svg == svg
+
+
+def test_missing_jinja2_is_named_at_use(monkeypatch):
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    with pytest.raises(MissingExtraError, match=r"'jinja2'.*trigpoint\[report\]"):
+        render(Page("", "", ()))
+
+
+def test_run_page_tells_the_numbers():
+    page = run_page(recorded(), title="T", graph=graphs.chain(3), rate=0.9, unit="m")
+    assert [section.title for section in page.sections] == [
+        "Summary",
+        "Error over time",
+        "Network",
+        "Nodes at the last sample",
+    ]
+    reader = read(render(page))
+    text = "".join(reader.text)
+    assert "0.09692" in text  # the last error norm: sqrt(2 (1 + 4 + 9)) exp(-4) = 5.2915 x 0.018316
+    assert "certified rate, 0.9 1/s" in text
+    assert HOSTILE[:40] in text
+    assert render(page) == render(run_page(recorded(), title="T", graph=graphs.chain(3), rate=0.9, unit="m"))
+
+
+def test_run_page_lists_two_hundred_nodes():
+    page = run_page(recorded(tuple(str(k) for k in range(1250))), title="Many")
+    nodes = page.sections[-1]
+    assert len(nodes.items[0].rows) == 200
+    assert "1\u202f050 more" in nodes.text
+
+
+def test_run_page_leaves_out_nan_and_zero():
+    run = recorded()
+    run.estimate[0, 0] = np.nan
+    page = run_page(run, title="Late start")
+    assert "1 sample with a node without an estimate left out" in page.sections[1].items[0].caption
+    run.estimate[:, 0] = np.nan
+    assert "NaN throughout" in run_page(run, title="Never").sections[1].text
+    run.estimate[:] = run.truth
+    read(render(run_page(run, title="Exact", rate=1.0)))
+    run.estimate[:] = np.nan
+    read(render(run_page(run, title="Nothing", graph=graphs.chain(3))))
+
+
+def test_run_page_misuse():
+    with pytest.raises(ShapeError, match="graph has 2 nodes; the run has 3"):
+        run_page(recorded(), title="", graph=graphs.chain(2))
+    run = recorded()
+    series = (run.times, run.truth, run.estimate, run.messages, run.status)
+    empty = Run(*(array[:0] for array in series), run.names, "stacked")
+    with pytest.raises(ArgumentError, match="no samples"):
+        run_page(empty, title="")
