@@ -24,7 +24,7 @@ def _network(story: Story) -> Section:
         story.network.graph, story.network.positions, sigma, label="standard deviation [mm]", known=marks
     )
     caption = "Marks coloured by the standard deviation of their height; triangles are the known marks."
-    return Section("The network", story.network.title, (Figure(drawing, caption),))
+    return Section("The network", " ".join(story.network.title.splitlines()), (Figure(drawing, caption),))
 
 
 def _gain(story: Story) -> Section:

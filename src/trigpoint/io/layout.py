@@ -103,7 +103,7 @@ def network_cells(network: Network) -> tuple[Layout, dict[str, list[str]]]:
     table = network.values.reshape(network.graph.n_arcs, size)
     cells = {name: list(map(number_text, table[:, k].tolist())) for k, name in enumerate(value)}
     blocks = _blocks_to_write(network)
-    if blocks is None:
+    if blocks is None or network.exact.all():
         return Layout(value), cells
     sigma = np.sqrt(np.diagonal(blocks, axis1=1, axis2=2))
     diagonal = np.zeros_like(blocks)

@@ -59,6 +59,7 @@ class _Scanner:
         keys = self._keys()
         for key in keys[:-1]:
             path = (*path, key)
+            self._note(path)
             if path in self._array_tables:
                 path = (*path, self._array_tables[path])
         path = (*path, keys[-1])
