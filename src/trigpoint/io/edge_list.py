@@ -33,7 +33,7 @@ _ENDS = ("from", "to")
 
 
 def read_edge_list(path: str | Path) -> Network:
-    """Read an edge list; ``.tsv`` is separated by tabs, everything else by commas.
+    """Read the edge list at ``path``; ``.tsv`` is separated by tabs, everything else by commas.
 
     Nodes stand in the order of first appearance. Without any sigma the covariance is None (unit weights); with sigma on
     absolute readings only, internal arcs get variance 1; exact readings have variance 0 in the array.
@@ -48,13 +48,13 @@ def read_edge_list(path: str | Path) -> Network:
 
 
 def write_edge_list(network: Network, path: str | Path) -> None:
-    """Write ``network`` so that ``read_edge_list`` gives it back; see ``edge_list_text`` for what cannot be written."""
+    """Write ``network`` to ``path``, for ``read_edge_list``; ``edge_list_text`` says what cannot be written."""
     delimiter = "\t" if Path(path).suffix.lower() == ".tsv" else ","
     write_atomically(path, edge_list_text(network, delimiter))
 
 
 def parse_edge_list(text: str, path: object = "<text>", delimiter: str = ",") -> Network:
-    """Read an edge list from text; ``path`` is what error messages call it."""
+    """Read an edge list from ``text`` with fields between ``delimiter``; error messages call it ``path``."""
     source = _Source(path, text.removeprefix("\ufeff"), delimiter)
     layout = _checked_header(path, source.header, delimiter)
     columns, lines = source.columns()
@@ -65,7 +65,7 @@ def parse_edge_list(text: str, path: object = "<text>", delimiter: str = ",") ->
 
 
 def edge_list_text(network: Network, delimiter: str = ",") -> str:
-    """Return the edge list of ``network`` as text.
+    """Return the edge list of ``network`` as text, with ``delimiter`` between the fields.
 
     Node order and isolated nodes are kept (``#@ node`` lines, where the rows alone would give another order). A reading
     that is not exact needs a sigma: where the covariance is None, it is written as 1.

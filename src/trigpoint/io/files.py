@@ -9,19 +9,21 @@ from typing import Any
 
 from trigpoint.errors import ArgumentError, FileFormatError, TrigpointError
 from trigpoint.io.atomic import write_atomically
+from trigpoint.io.documents import READERS, WRITERS
 from trigpoint.io.formats import NETWORK_FORMATS, Format, format_of
 from trigpoint.io.nodelink import nodelink_from_document, parse_json
+from trigpoint.io.run_file import read_run, run_bytes
 from trigpoint.io.scenario import read_scenario
 from trigpoint.io.text import nearest, read_text, shown
 
 DOCUMENT_PREFIX = "trigpoint/"
 """A JSON object whose ``kind`` begins so is a document of Trigpoint's own."""
 
-DOCUMENTS: dict[str, Callable[[dict[str, Any]], object]] = {}
-"""Readers of JSON documents by their ``kind`` (such as ``trigpoint/problem``); layers above add theirs."""
+DOCUMENTS: dict[str, Callable[[dict[str, Any]], object]] = dict(READERS)
+"""Readers of JSON documents by their ``kind`` (such as ``trigpoint/problem``)."""
 
-DOCUMENT_WRITERS: dict[type, Callable[[Any], str]] = {}
-"""Writers of objects to JSON text by exact type; layers above add theirs."""
+DOCUMENT_WRITERS: dict[type, Callable[[Any], str]] = dict(WRITERS)
+"""Writers of objects to JSON text by exact type."""
 
 
 def read_json(path: str | Path) -> object:
@@ -45,7 +47,7 @@ def read_json(path: str | Path) -> object:
         raise FileFormatError(path, str(error)) from error
 
 
-def _write_json(data: Any) -> str:
+def _write_json(data: Any) -> str | bytes:
     if type(data) in DOCUMENT_WRITERS:
         return DOCUMENT_WRITERS[type(data)](data)
     write = NETWORK_FORMATS["json"].write
@@ -56,13 +58,14 @@ def _write_json(data: Any) -> str:
 FORMATS: dict[str, Format] = {
     **NETWORK_FORMATS,
     "json": replace(NETWORK_FORMATS["json"], read=read_json, write=_write_json),
+    "npz": Format("npz", (".npz",), read_run, run_bytes, "recorded run: arrays and a header, nothing pickled"),
     "toml": Format("toml", (".toml",), read_scenario, None, "scenario: network, agent, design, simulation, run"),
 }
 """Every format that ``load`` and ``save`` know, by name."""
 
 
 def load(path: str | Path) -> Any:
-    """Read a file in the format that its suffix names (any case).
+    """Read the file at ``path`` in the format that its suffix names (any case).
 
     Returns:
         a ``Network``, a ``MeasurementGraph`` (no values in the file), a ``ScenarioFile``, or what a JSON document's

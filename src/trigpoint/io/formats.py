@@ -27,7 +27,7 @@ class Format:
         name: its key in ``FORMATS``.
         suffixes: of file names, lower case, with the dot; the first is the usual one.
         read: file to object; raises ``FileFormatError``.
-        write: object to the file's text, written by ``save``; None where Trigpoint only reads. Raises
+        write: object to the file's text (or bytes), written by ``save``; None where Trigpoint only reads. Raises
             ``ArgumentError`` for an object that the format cannot hold.
         text: one line about it.
     """
@@ -35,7 +35,7 @@ class Format:
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[str | Path], Any]
-    write: Callable[[Any], str] | None
+    write: Callable[[Any], str | bytes] | None
     text: str
 
 

@@ -39,7 +39,7 @@ _COMPASS = {"e": (0, 1.0), "w": (0, -1.0), "n": (1, 1.0), "s": (1, -1.0)}
 
 
 def read_gama(path: str | Path) -> Network:
-    """Read a ``.gkf`` file of heights.
+    """Read the ``.gkf`` file of heights at ``path``.
 
     Nodes are the points that take part in the heights (``fix`` or ``adj`` with z, or used by an observation), in file
     order. Arcs are the observations in file order, then one exact external arc a fixed point; the fixed points are the
@@ -54,7 +54,7 @@ def read_gama(path: str | Path) -> Network:
 
 
 def parse_gama(data: bytes, path: object = "<data>") -> Network:
-    """Read the content of a ``.gkf`` file; ``path`` is what error messages call it."""
+    """Read ``data``, the content of a ``.gkf`` file; ``path`` is what error messages call it."""
     reader = _Reader(path)
     parse_xml(path, data, reader)
     return reader.network()

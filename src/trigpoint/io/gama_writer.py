@@ -17,12 +17,12 @@ from trigpoint.model import Network
 
 
 def write_gama(network: Network, path: str | Path) -> None:
-    """Write a height network as ``.gkf``; see ``gama_text`` for what the format can hold."""
+    """Write a height ``network`` as ``.gkf`` to ``path``; ``gama_text`` says what the format can hold."""
     write_atomically(path, gama_text(network))
 
 
 def gama_text(network: Network) -> str:
-    """Return a height network as a ``.gkf`` document; ``parse_gama`` gives it back.
+    """Return a height ``network`` as a ``.gkf`` document; ``parse_gama`` gives it back.
 
     Internal arcs become ``<dh>``, exact readings fixed points, other readings a ``<coordinates>`` cluster: read back,
     the arcs stand in that order. Without a covariance every stdev is 1 m (unit weights). Further columns are not

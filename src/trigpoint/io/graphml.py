@@ -23,7 +23,7 @@ _TRUTH = {"true": True, "false": False, "1": True, "0": False}
 
 
 def read_graphml(path: str | Path) -> Network | MeasurementGraph:
-    """Read a GraphML file: a network where edges have values, else a bare graph.
+    """Read the GraphML file at ``path``: a network where edges have values, else a bare graph.
 
     Raises:
         FileFormatError: with the line: not XML, a DOCTYPE, a node declared twice or not at all, a bad number, a
@@ -33,19 +33,19 @@ def read_graphml(path: str | Path) -> Network | MeasurementGraph:
 
 
 def parse_graphml(data: bytes, path: object = "<data>") -> Network | MeasurementGraph:
-    """Read the content of a GraphML file; ``path`` is what error messages call it."""
+    """Read ``data``, the content of a GraphML file; ``path`` is what error messages call it."""
     reader = _Reader(path)
     parse_xml(path, data, reader)
     return from_attributes(AttributedGraph(reader.nodes, reader.links, reader.is_directed, reader.graph), path)
 
 
 def write_graphml(data: Network | MeasurementGraph, path: str | Path) -> None:
-    """Write a network or graph as GraphML; ``read_graphml`` and ``networkx.read_graphml`` read it."""
+    """Write ``data``, a network or graph, as GraphML to ``path``; ``read_graphml`` reads it, networkx too."""
     write_atomically(path, graphml_text(data))
 
 
 def graphml_text(data: Network | MeasurementGraph) -> str:
-    """Return the GraphML document of a network or graph.
+    """Return the GraphML document of ``data``, a network or graph.
 
     Raises:
         ArgumentError: correlated arcs, weight blocks (save as .json), an empty name, a text that XML cannot hold.

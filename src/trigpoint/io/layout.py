@@ -105,6 +105,8 @@ def network_cells(network: Network) -> tuple[Layout, dict[str, list[str]]]:
     blocks = _blocks_to_write(network)
     if blocks is None or network.exact.all():
         return Layout(value), cells
+    silent = network.exact | (~network.graph.is_external if network.covariance is None else False)
+    blocks[silent] = 0.0
     sigma = np.sqrt(np.diagonal(blocks, axis1=1, axis2=2))
     diagonal = np.zeros_like(blocks)
     diagonal[:, range(size), range(size)] = sigma * sigma
@@ -115,7 +117,6 @@ def network_cells(network: Network) -> tuple[Layout, dict[str, list[str]]]:
         layout = Layout(value, cov=cov_columns(AXES[:size]))
         pairs = zip(*np.triu_indices(size), strict=True)
         spread = {name: blocks[:, a, b] for name, (a, b) in zip(layout.cov, pairs, strict=True)}
-    silent = network.exact | (~network.graph.is_external if network.covariance is None else False)
     for name, numbers in spread.items():
         texts = map(number_text, numbers.tolist())
         cells[name] = ["" if skip else text for text, skip in zip(texts, silent.tolist(), strict=True)]
@@ -137,7 +138,7 @@ def _blocks_to_write(network: Network) -> FloatArray | None:
             "some arcs are correlated with each other, which this format cannot hold; "
             "save the network as .json, or as .gkf for height differences"
         )
-    return np.asarray(blocks, dtype=np.float64)
+    return np.array(blocks, dtype=np.float64)
 
 
 def covariance_blocks(network: Network) -> FloatArray | None:

@@ -50,7 +50,7 @@ class AttributedGraph:
 
 
 def read_nodelink(path: str | Path) -> Network | MeasurementGraph:
-    """Read a JSON node-link file (``nodes``, and ``links`` or ``edges``), as ``networkx.node_link_data`` gives it.
+    """Read the JSON at ``path``: ``nodes``, and ``links`` or ``edges``, as ``networkx.node_link_data`` gives them.
 
     Raises:
         FileFormatError: no JSON (with the line), no node-link document, or an edge that does not fit (named).
@@ -59,12 +59,12 @@ def read_nodelink(path: str | Path) -> Network | MeasurementGraph:
 
 
 def write_nodelink(data: Network | MeasurementGraph, path: str | Path) -> None:
-    """Write a network or a graph as JSON node-link; ``read_nodelink`` gives it back, whatever its covariance."""
+    """Write ``data``, a network or graph, to ``path``; ``read_nodelink`` gives it back, whatever its covariance."""
     write_atomically(path, nodelink_text(data))
 
 
 def parse_json(text: str, path: object) -> Any:
-    """Read JSON; NaN and Infinity, which JSON does not have, are refused."""
+    """Read JSON from ``text`` (``path`` in messages); NaN and Infinity, which JSON does not have, are refused."""
 
     def refuse(word: str) -> None:
         line = next((k for k, content in enumerate(text.split("\n"), 1) if word in content), None)
@@ -86,7 +86,7 @@ def nodelink_from_document(document: Any, path: object) -> Network | Measurement
 
 
 def nodelink_text(data: Network | MeasurementGraph) -> str:
-    """Return the JSON node-link document of a network or graph as text, one node or edge a line."""
+    """Return the JSON node-link document of ``data``, a network or graph: one node or edge a line."""
     joint = isinstance(data, Network) and sp.issparse(data.covariance) and covariance_blocks(data) is None
     graph = to_attributes(data, with_spread=not joint)
     notes = dict(graph.graph)

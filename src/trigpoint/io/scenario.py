@@ -20,10 +20,11 @@ from trigpoint.model import LinearAgent, Network
 
 @dataclass(frozen=True, eq=False)
 class ScenarioFile:
-    """A scenario read from a file.
+    """A scenario read from the file ``path``.
 
     ``network`` is a ``Network`` where the arcs have values (fixed points are known marks, each with one exact external
-    arc), else a bare ``MeasurementGraph``. ``agent`` is None without ``[agent]``; ``simulate`` and ``run`` likewise.
+    arc), else a bare ``MeasurementGraph``. ``agent`` is None without ``[agent]``; ``simulate`` and ``run`` likewise;
+    ``design`` has its defaults without ``[design]``.
     """
 
     path: Path
@@ -40,7 +41,7 @@ class ScenarioFile:
 
 
 def read_scenario(path: str | Path) -> ScenarioFile:
-    """Read a scenario file; file names in it are relative to its folder.
+    """Read the scenario file at ``path``; file names in it are relative to its folder.
 
     Raises:
         FileFormatError: with the line: no TOML, an unknown key (and the nearest known one), a wrong type, NaN or
@@ -50,7 +51,7 @@ def read_scenario(path: str | Path) -> ScenarioFile:
 
 
 def parse_scenario(text: str, path: str | Path) -> ScenarioFile:
-    """Read a scenario from text; ``path`` names it in messages, and file names in it are relative to its folder."""
+    """Read a scenario from ``text``; ``path`` names it in messages, and file names in it are relative to its folder."""
     source = TomlSource(Path(path), text)
     document = source.validated(Document, source.table, ())
     return ScenarioFile(

@@ -85,7 +85,11 @@ class AgentSection(Section):
 
 
 class DesignSection(Section):
-    """``[design]``: which observer, with which gain."""
+    """``[design]``: which observer, with which gain.
+
+    ``method`` names it; ``gain`` is "from-graph" (times ``margin``), "worst-case" (for up to ``max_nodes`` nodes) or a
+    number; arc ``weights`` are "unit" or "precision"; ``process`` and ``measurement`` are covariance matrices.
+    """
 
     method: Annotated[str, Field(min_length=1)] = "local-kalman"
     gain: Annotated[Any, AfterValidator(_gain)] = "from-graph"
@@ -97,14 +101,19 @@ class DesignSection(Section):
 
 
 class NoiseSection(Section):
-    """``noise`` in ``[simulate]``: process noise (on, off, or a scale) and the measurements' standard deviation."""
+    """``noise`` in ``[simulate]``: ``process`` (on, off, or a scale), ``measurement`` (standard deviation)."""
 
     process: Annotated[Any, AfterValidator(_process)] = False
     measurement: Annotated[float, Field(ge=0)] = 0.0
 
 
 class SimulateSection(Section):
-    """``[simulate]``: instants (s), exchange period (s; None is continuous), errors, noise, loss, seed."""
+    """``[simulate]``: when, from where, with which noise.
+
+    ``times`` (s), or ``samples`` instants up to ``horizon`` (s); exchange ``period`` (s), None is continuous;
+    ``initial_error`` and ``initial_state``, a number or a list; ``noise``; ``loss``, the fraction of messages lost;
+    ``seed``; ``path`` of the computation.
+    """
 
     times: Annotated[Any, BeforeValidator(_instants)] | None = None
     horizon: PositiveNumber | None = None
@@ -136,7 +145,7 @@ class SimulateSection(Section):
 
 
 class RunSection(Section):
-    """``[run]``: how live nodes exchange; the runtime checks the values."""
+    """``[run]``: ``rate`` (Hz), ``transport``, ``security`` of live nodes; the runtime checks the last two."""
 
     rate: PositiveNumber | None = None
     transport: Any = None

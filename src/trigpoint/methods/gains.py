@@ -86,7 +86,8 @@ class WorstCase(GainRule):
                 "Raise max_nodes.",
             )
         weight = graph.arc_weights
-        least = float(weight.min(initial=np.inf) if weight.ndim == 1 else np.linalg.eigvalsh(weight)[:, 0].min())
+        sizes = weight if weight.ndim == 1 else np.linalg.eigvalsh(weight)[:, 0]
+        least = float(sizes.min(initial=np.inf))
         if least < 1.0:
             raise MethodError(
                 "WorstCase",

@@ -168,7 +168,7 @@ class LocalKalman(Method):
 
     def _check_anchored(self, problem: NetworkedAgents, agent: LinearAgent, bound: EigenvalueBound) -> None:
         """Theorem 3: without a path to an anchor there is no observer unless A is Hurwitz."""
-        if bound.unanchored.size and np.linalg.eigvals(agent.A).real.max() >= 0.0:
+        if bound.unanchored.size and not _is_clearly_hurwitz(agent):
             names = [problem.graph.names[k] for k in bound.unanchored[:8].tolist()]
             more = f" and {bound.unanchored.size - 8} more" if bound.unanchored.size > 8 else ""
             raise MethodError(
@@ -177,6 +177,12 @@ class LocalKalman(Method):
                 f"no such path from {', '.join(names)}{more}",
                 "Add an absolute reading there; diagnose() lists the islands.",
             )
+
+
+def _is_clearly_hurwitz(agent: LinearAgent) -> bool:
+    """Real parts below zero by more than rounding, as in ``diagnose``: an oscillator's computed ones may be -1e-17."""
+    size = float(np.linalg.norm(np.vstack([agent.A, agent.C]), 2))
+    return bool(np.linalg.eigvals(agent.A).real.max() < -1e-9 * size)
 
 
 def _gain_facts(

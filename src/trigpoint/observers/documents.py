@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -36,6 +37,8 @@ def observer_document(observer: NetworkObserver) -> dict[str, Any]:
 
 def read_observer(document: Mapping[str, Any]) -> DiffusiveObserver:
     """Read ``observer_document``; what does not fit is a ``ProtocolError``."""
+    if not isinstance(document, Mapping):
+        raise ProtocolError(f"an observer document is an object; got {type(document).__name__}")
     if document.get("kind") != KIND or document.get("version") != VERSION or document.get("form") != "diffusive":
         raise ProtocolError(f"expected kind {KIND!r}, version {VERSION}, form 'diffusive'")
     try:
@@ -43,13 +46,23 @@ def read_observer(document: Mapping[str, Any]) -> DiffusiveObserver:
         injection = decode_array(document["injection"], "injection")
         gain, rate, abscissa = document["gain"], document["decay_rate"], document["spectral_abscissa"]
         method, facts = document["method"], dict(document["facts"])
-    except (KeyError, TypeError, ValueError) as error:
+        expected = (problem.agent.n_states, problem.n_outputs)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ProtocolError(f"the observer document does not fit: {error}") from error
-    if injection.shape != (problem.agent.n_states, problem.n_outputs):
-        raise ProtocolError(f"injection must have shape (n, p); got {injection.shape}")
-    if not all(isinstance(value, float | int) and np.isfinite(value) for value in (gain, rate)) or gain <= 0:
+    if injection.shape != expected:
+        raise ProtocolError(f"injection must have shape (n, p) = {expected}; got {injection.shape}")
+    if not (_is_number(gain) and _is_number(rate)) or gain <= 0:
         raise ProtocolError(f"gain must be a positive number and decay_rate a number; got {gain!r}, {rate!r}")
-    return DiffusiveObserver(str(method), problem, injection, float(gain), float(rate), abscissa, facts)
+    if not (abscissa is None or _is_number(abscissa)):
+        raise ProtocolError(f"spectral_abscissa must be a number or null; got {abscissa!r}")
+    if not isinstance(method, str):
+        raise ProtocolError(f"method must be a text; got {method!r}")
+    return DiffusiveObserver(method, problem, injection, float(gain), float(rate), abscissa, facts)
+
+
+def _is_number(value: Any) -> bool:
+    """A finite number that a float can hold; JSON also has whole numbers that none can."""
+    return type(value) in (float, int) and abs(value) <= sys.float_info.max
 
 
 def _plain(value: Any) -> Any:

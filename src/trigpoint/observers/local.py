@@ -216,8 +216,8 @@ class LocalObserver:
             raise ProtocolError("a node file needs the text 'name' and the list 'arcs'")
         A = _matrix(document, "A", None, None)
         n = A.shape[0]
-        if A.shape[1] != n:
-            raise ProtocolError(f"A must be square; got {A.shape}")
+        if A.shape[1] != n or n == 0:
+            raise ProtocolError(f"A must be square with at least one row; got {A.shape}")
         B = None if document.get("B") is None else _matrix(document, "B", n, None)
         return LocalObserver(name, A, B, tuple(_read_arcs(arcs, n)))
 

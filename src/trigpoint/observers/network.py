@@ -125,6 +125,11 @@ class DiffusiveObserver(NetworkObserver):
             laplacian if self.graph.dimension == self.problem.n_outputs else expand(laplacian, self.problem.n_outputs)
         )
 
+    def _weight_blocks(self) -> FloatArray:
+        """Weights written out as (M, p, p); scalars, and blocks of size 1, are multiples of the identity."""
+        weight = self.graph.arc_weights
+        return weight if self.graph.dimension > 1 else weight.reshape(-1, 1, 1) * np.eye(self.problem.n_outputs)
+
     def error_matrix(self) -> sp.csr_array:
         """``I (x) A_1 - gain (I (x) injection) (L (x) I) (I (x) C_1)``, sparse (N n, N n)."""
         n_nodes = self.graph.n_nodes
@@ -134,9 +139,7 @@ class DiffusiveObserver(NetworkObserver):
     def reading_matrix(self) -> sp.csr_array:
         """K of ``z' = H z + K y``: ``gain (I (x) injection) (G W (x) I)``, sparse (N n, M p)."""
         p = self.problem.n_outputs
-        weight = self.graph.arc_weights
-        blocks = weight[:, None, None] * np.eye(p) if weight.ndim == 1 else weight
-        weighted = expand(self.graph.incidence(), p) @ block_diagonal(blocks)
+        weighted = expand(self.graph.incidence(), p) @ block_diagonal(self._weight_blocks())
         return sp.csr_array(repeat_diagonal(self.graph.n_nodes, self.gain * self.injection) @ weighted)
 
     def local(self, node: int) -> LocalObserver:
@@ -149,7 +152,7 @@ class DiffusiveObserver(NetworkObserver):
     def _local_arc(self, arc: int, node: int) -> LocalArc:
         graph, C = self.graph, self.agent.C
         weight = graph.arc_weights[arc]
-        gain = self.gain * self.injection @ (weight if np.ndim(weight) == 2 else weight * np.eye(C.shape[0]))
+        gain = self.gain * self.injection @ (weight if graph.dimension > 1 else weight.item() * np.eye(C.shape[0]))
         at_head = int(graph.head[arc]) == node
         if graph.is_external[arc]:
             return LocalArc(arc, None, 1.0, gain, C, None)
@@ -201,8 +204,7 @@ class DiffusiveObserver(NetworkObserver):
         transition, _ = transition_and_integral(self.agent.A, duration)
         K = self.gain * self.injection
         own = np.zeros((self.graph.n_nodes, self.problem.n_outputs, self.problem.n_outputs))
-        weight = self.graph.arc_weights
-        blocks = weight[:, None, None] * np.eye(self.problem.n_outputs) if weight.ndim == 1 else weight
+        blocks = self._weight_blocks()
         inner = ~self.graph.is_external
         np.add.at(own, self.graph.head, blocks)
         np.add.at(own, self.graph.tail[inner], blocks[inner])

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
-from trigpoint.arrays import FloatArray, expm, transition_and_integral
+from trigpoint.arrays import FloatArray, transition_and_integral
 from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.linalg.blocks import Blocks
 from trigpoint.model import NetworkedAgents
@@ -38,7 +39,7 @@ class Plant:
         return Plant(
             problem,
             _drive(problem, scenario),
-            scenario.inputs,
+            scenario.inputs if problem.agents[0].n_inputs else None,
             problem.stacked_output(),
             _recorded(problem, scenario),
         )
@@ -65,7 +66,7 @@ class Plant:
 
 @dataclass(frozen=True, eq=False)
 class Disturbances:
-    """Seeded noise, drawn in one order whatever the path: process noise, then readings, then losses."""
+    """Seeded noise, drawn at each exchange in one order whatever the path: losses, readings, process noise."""
 
     rng: np.random.Generator
     process: FloatArray | None
@@ -114,9 +115,11 @@ def _drive(problem: NetworkedAgents, scenario: Scenario) -> FloatArray:
     drive = np.zeros((states.count, states.size))
     if scenario.inputs is None:
         return drive
-    width = {agent.n_inputs for agent in problem.agents}
-    if len(width) != 1 or scenario.inputs.shape != (states.count, *width):
-        raise ShapeError(f"inputs must have shape (N, m) = ({states.count}, {max(width)}); got {scenario.inputs.shape}")
+    width = sorted({agent.n_inputs for agent in problem.agents})
+    if len(width) != 1:
+        raise ArgumentError(f"inputs need agents with equally many inputs; got {width}: fill B up with zero columns")
+    if scenario.inputs.shape != (states.count, *width):
+        raise ShapeError(f"inputs must have shape (N, m) = ({states.count}, {width[0]}); got {scenario.inputs.shape}")
     for node, agent in enumerate(problem.agents):
         drive[node] = 0.0 if agent.B is None else agent.B @ scenario.inputs[node]
     return drive
@@ -134,12 +137,21 @@ def _recorded(problem: NetworkedAgents, scenario: Scenario) -> FloatArray | None
 
 
 def _noise_factor(A: FloatArray, entry: FloatArray, period: float) -> FloatArray:
-    """F with ``F F' = int_0^h e^{A s} E E' e^{A' s} ds`` (Van Loan's block exponential)."""
+    """F with ``F F' = Q(h) = int_0^h e^{A s} E E' e^{A' s} ds``.
+
+    Van Loan's block exponential over a short time, where its e^{-A s} is harmless, then the doubling
+    ``Q(2 s) = Q(s) + e^{A s} Q(s) e^{A' s}``: a fast stable agent over a long period would overflow otherwise.
+    """
     n = A.shape[0]
+    doublings = max(0, int(np.ceil(np.log2(max(float(np.linalg.norm(A, 1)) * period, 1.0)))))
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n], block[:n, n:], block[n:, n:] = -A, entry @ entry.T, A.T
-    exponential = expm(block * period)
-    covariance = exponential[n:, n:].T @ exponential[:n, n:]
+    exponential = la.expm(block * (period / 2.0**doublings))
+    transition = exponential[n:, n:].T
+    covariance = transition @ exponential[:n, n:]
+    for _ in range(doublings):
+        covariance = covariance + transition @ covariance @ transition.T
+        transition = transition @ transition
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     factor: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
     return factor

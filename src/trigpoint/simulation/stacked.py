@@ -51,7 +51,7 @@ def _by_exponentials(H: sp.csr_array, constant: FloatArray, start: FloatArray, t
     state, now, errors = np.append(start, 1.0), 0.0, []
     maps: dict[float, FloatArray] = {}
     for time in times.tolist():
-        step = round(time - now, 12)
+        step = float(f"{time - now:.12g}")  # equal steps of a time axis differ in their last digits only
         if step not in maps:
             maps[step] = la.expm(generator * step)
         state, now = maps[step] @ state, time
@@ -109,7 +109,10 @@ def _innovation(observer: DiffusiveObserver) -> Callable[[FloatArray, FloatArray
 
     def correct(readings: FloatArray, estimate: FloatArray) -> FloatArray:
         residual = readings - (output @ estimate.ravel()).reshape(readings.shape)
-        weighted = weight[:, None] * residual if weight.ndim == 1 else np.einsum("kij,kj->ki", weight, residual)
+        if observer.graph.dimension == 1:
+            weighted = weight.reshape(-1, 1) * residual
+        else:
+            weighted = np.einsum("kij,kj->ki", weight, residual)
         return np.asarray(differences @ weighted.ravel())
 
     return correct

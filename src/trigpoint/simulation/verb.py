@@ -39,7 +39,7 @@ def simulate(
         progress: wraps the sequence of exchanges, for a progress bar.
 
     We assume:
-        * equal agents; the observer belongs to a network of the same size.
+        * equal agents; the observer was designed for these arcs and agents (its weights are its own).
 
     Raises:
         ArgumentError, ShapeError: the scenario does not fit the problem; noise between exchanges is asked for.
@@ -48,6 +48,7 @@ def simulate(
         raise ArgumentError(f"simulate runs observers made by design(); got {type(observer).__name__}")
     if observer.graph.n_nodes != problem.graph.n_nodes or observer.graph.n_arcs != problem.graph.n_arcs:
         raise ArgumentError(f"the observer belongs to another network: {observer.graph} against {problem.graph}")
+    _check_model(problem, observer.problem)
     _check_noise(scenario)
     plant = Plant.of(problem, scenario)
     truth = node_table("initial_state", scenario.initial_state, problem.states)
@@ -84,6 +85,19 @@ def _chosen_path(scenario: Scenario) -> str:
     if scenario.path == "auto":
         return "reference" if lossy else "stacked"
     return scenario.path
+
+
+def _check_model(problem: NetworkedAgents, designed: NetworkedAgents) -> None:
+    """The error dynamics that both paths rest on hold for the observer's own model only."""
+    if designed is problem:
+        return
+    own, other = problem.graph, designed.graph
+    if not (np.array_equal(own.tail, other.tail) and np.array_equal(own.head, other.head)):
+        raise ArgumentError("the observer belongs to another network: its arcs join other nodes")
+    for node, (agent, model) in enumerate(zip(problem.agents, designed.agents, strict=True)):
+        pairs = ((agent.A, model.A), (agent.C, model.C), (agent.B, model.B))
+        if not all(a is b or np.array_equal(np.asarray(a), np.asarray(b)) for a, b in pairs):
+            raise ArgumentError(f"the observer belongs to other agents: node {own.names[node]!r} has another A, B or C")
 
 
 def _check_noise(scenario: Scenario) -> None:

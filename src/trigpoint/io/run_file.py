@@ -1,0 +1,53 @@
+"""A recorded run as one ``.npz`` file: plain arrays and a JSON header, nothing pickled."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trigpoint.errors import ArgumentError, FileFormatError
+from trigpoint.io.text import read_bytes
+from trigpoint.observers.run import Run
+
+_KIND = "trigpoint/run"
+_VERSION = 1
+_ARRAYS = ("times", "truth", "estimate", "messages", "status")
+
+
+def read_run(path: str | Path) -> Run:
+    """Read a run written by ``write_run``; anything else is a ``FileFormatError``."""
+    data = read_bytes(path)
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            header: Any = json.loads(str(archive["header"]))
+            if not isinstance(header, dict) or (header.get("kind"), header.get("version")) != (_KIND, _VERSION):
+                raise FileFormatError(path, f"is not a recorded run of version {_VERSION}")
+            arrays = {name: archive[name] for name in _ARRAYS}
+        names = tuple(str(name) for name in header["names"])
+        return Run(**arrays, names=names, path=str(header["path"]), attributes=dict(header["attributes"]))
+    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        if isinstance(error, FileFormatError):
+            raise
+        raise FileFormatError(path, f"is not a recorded run (.npz written by simulate): {error}") from error
+
+
+def run_bytes(run: Any) -> bytes:
+    """The bytes of a run's file."""
+    if not isinstance(run, Run):
+        raise ArgumentError(f"got a {type(run).__name__}, expected a Run to save as .npz")
+    header = {
+        "kind": _KIND,
+        "version": _VERSION,
+        "names": list(run.names),
+        "path": run.path,
+        "attributes": dict(run.attributes),
+    }
+    buffer = io.BytesIO()
+    arrays: dict[str, Any] = {name: getattr(run, name) for name in _ARRAYS}
+    np.savez_compressed(buffer, header=np.array(json.dumps(header)), **arrays)
+    return buffer.getvalue()
