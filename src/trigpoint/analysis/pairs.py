@@ -12,6 +12,8 @@ from trigpoint.arrays import FloatArray
 
 _UNOBSERVABLE = 1e-12
 _OBSERVABLE = 1e-9
+_SUSPICIOUS = 1e-3
+_NEWTON_STEPS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,24 +66,42 @@ def _pencil(A: FloatArray, C: FloatArray, s: complex) -> np.ndarray:
 
 
 def _refined(A: FloatArray, C: FloatArray, start: complex, size: float) -> tuple[complex, float]:
-    def objective(point: FloatArray) -> float:
-        return float(la.svdvals(_pencil(A, C, complex(point[0], point[1])))[-1])
+    """Local minimum of sigma_min over s, from a computed eigenvalue: Newton steps, then a simplex where they stall."""
+    s, value = _newton(A, C, start)
+    if _UNOBSERVABLE * size < value < _SUSPICIOUS * size:
+        found = minimize(
+            lambda point: float(la.svdvals(_pencil(A, C, complex(point[0], point[1])))[-1]),
+            [s.real, s.imag],
+            method="Nelder-Mead",
+            options={
+                "xatol": 1e-17 * size,
+                "fatol": 1e-18 * size,
+                "maxiter": 400,
+                "initial_simplex": _simplex(s, size),
+            },
+        )
+        if found.fun < value:
+            return complex(found.x[0], found.x[1]), float(found.fun)
+    return s, value
 
-    value = objective(np.array([start.real, start.imag]))
-    if value > 1e-3 * size:
-        return start, value
-    found = minimize(
-        objective,
-        [start.real, start.imag],
-        method="Nelder-Mead",
-        options={
-            "xatol": 1e-17 * size,
-            "fatol": 1e-18 * size,
-            "maxiter": 400,
-            "initial_simplex": _simplex(start, size),
-        },
-    )
-    return (complex(found.x[0], found.x[1]), float(found.fun)) if found.fun < value else (start, value)
+
+def _newton(A: FloatArray, C: FloatArray, start: complex) -> tuple[complex, float]:
+    """Towards a zero of sigma_min: with singular vectors u, v it changes by ``Re(u_1' v ds)``, u_1 the first n of u.
+
+    A step is kept while it lowers the value, so that a minimum that is not zero stops it at once.
+    """
+    n = A.shape[0]
+    s, (left, values, right) = start, la.svd(_pencil(A, C, start), full_matrices=False)
+    for _ in range(_NEWTON_STEPS):
+        slope = left[:n, -1].conj() @ right[-1].conj()
+        if values[-1] == 0.0 or abs(slope) == 0.0:
+            break
+        trial = s - values[-1] / slope
+        candidate = la.svd(_pencil(A, C, trial), full_matrices=False)
+        if not candidate[1][-1] < 0.5 * values[-1]:
+            break
+        s, (left, values, right) = trial, candidate
+    return s, float(values[-1])
 
 
 def _simplex(start: complex, size: float) -> FloatArray:

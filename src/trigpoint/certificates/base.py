@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
+import numpy as np
+
 from trigpoint.arrays import FloatArray
 from trigpoint.errors import ProtocolError
 from trigpoint.model import NetworkedAgents
@@ -42,6 +44,6 @@ def witness(record: ClaimRecord, name: str, shape: tuple[int, ...]) -> FloatArra
     if name not in record.witness:
         raise ProtocolError(f"the claim {record.claim!r} lacks the witness {name!r}")
     array = record.witness[name]
-    if array.shape != shape:
-        raise ProtocolError(f"the witness {name!r} must have shape {shape}; got {array.shape}")
+    if array.shape != shape or array.dtype != np.float64:
+        raise ProtocolError(f"the witness {name!r} must be floats of shape {shape}; got {array.dtype}, {array.shape}")
     return array

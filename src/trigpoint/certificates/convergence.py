@@ -10,7 +10,7 @@ import scipy.linalg as la
 
 from trigpoint.analysis.eigenvalue import smallest_eigenvalue
 from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, decode_array
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.linalg.verified import down, gam, is_positive_definite, up
@@ -89,9 +89,14 @@ class Convergence(Claim):
 def _lyapunov_matrix(observer: DiffusiveObserver) -> FloatArray:
     n = observer.agent.n_states
     Q = observer.facts.get("Q")
+    if isinstance(Q, dict):  # as it stands in the observer's document
+        Q = decode_array(Q, "Q")
     if not isinstance(Q, np.ndarray) or Q.shape != (n, n):
         return np.eye(n)
-    P = np.asarray(la.cho_solve(la.cho_factor(Q), np.eye(n)), dtype=np.float64)
+    try:
+        P = np.asarray(la.cho_solve(la.cho_factor(Q), np.eye(n)), dtype=np.float64)
+    except (np.linalg.LinAlgError, ValueError):  # a fact that is no covariance: any other P may do
+        return np.eye(n)
     return np.asarray(0.5 * (P + P.T))
 
 

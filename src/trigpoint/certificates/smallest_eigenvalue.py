@@ -62,9 +62,8 @@ class SmallestEigenvalue(Claim):
             return "certified" if lower <= bound.lower and bound.upper <= upper else "inconclusive"
         floor = proved_floor(record, graph)
         matrix, size = couplings(graph), (graph.n_nodes,)
-        ceiling = rayleigh_upper(matrix, witness(record, "v", size))
-        if not ceiling <= upper:  # on tiny networks the quotients' maximum is the tighter by a rounding
-            ceiling = collatz_wielandt_upper(matrix, witness(record, "x", size))
+        v = witness(record, "v", size)
+        ceiling = min(rayleigh_upper(matrix, v), collatz_wielandt_upper(matrix, v))
         return "certified" if lower <= floor and ceiling <= upper else "inconclusive"
 
 

@@ -82,13 +82,15 @@ def certificate_document(certificate: Certificate) -> dict[str, Any]:
 
 def read_certificate(document: Mapping[str, Any]) -> Certificate:
     """Read ``certificate_document``; a wrong digest, version or shape is a ``ProtocolError``."""
-    if document.get("kind") != KIND or document.get("version") != VERSION:
+    if not isinstance(document, Mapping):
+        raise ProtocolError(f"a certificate is a JSON object; got {type(document).__name__}")
+    if document.get("kind") != KIND or type(document.get("version")) is not int or document["version"] != VERSION:
         raise ProtocolError(f"expected kind {KIND!r}, version {VERSION}; got {document.get('version')!r}")
     body = {key: value for key, value in document.items() if key != "digest"}
     try:
         actual = digest_of(body)
-    except ValueError as error:
-        raise ProtocolError(f"the certificate holds a number that JSON has no word for ({error})") from error
+    except (RecursionError, TypeError, ValueError) as error:
+        raise ProtocolError(f"the certificate holds something that JSON has no word for ({error})") from error
     if document.get("digest") != actual:
         raise ProtocolError("the certificate's digest does not match its body: it was changed or damaged")
     if set(body) != {"kind", "version", "problem", "observer", "verdict", "claims"} or type(body["claims"]) is not list:
@@ -110,7 +112,7 @@ def _read_record(entry: Any) -> ClaimRecord:
         and isinstance(entry["text"], str)
         and entry["verdict"] in OUTCOMES
         and isinstance(numbers, dict)
-        and all(type(value) in (int, float) for value in numbers.values())
+        and all(_is_number(value) for value in numbers.values())
         and isinstance(assumptions, list)
         and all(isinstance(text, str) for text in assumptions)
         and isinstance(witness, dict)
@@ -126,3 +128,7 @@ def _read_record(entry: Any) -> ClaimRecord:
         entry["text"],
         arrays,
     )
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) is float or (type(value) is int and abs(value) <= 2**53)
