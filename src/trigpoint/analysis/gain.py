@@ -14,14 +14,16 @@ def gain_bound(graph: MeasurementGraph | EigenvalueBound) -> float:
     """``1 / lambda_min``: every coupling gain above it makes a network-decentralized observer stable.
 
     The rigorous lower bound of ``lambda_min`` is used, so that the result is never too small; infinity when some
-    node has no path to the environment. Give an ``EigenvalueBound`` to reuse one. Source: G16, Theorem 4.
+    node of ``graph`` has no path to the environment. In place of the graph an ``EigenvalueBound`` may be reused.
+
+    Source: G16, Theorem 4.
     """
     bound = graph if isinstance(graph, EigenvalueBound) else smallest_eigenvalue(graph)
     return math.inf if bound.lower <= 0.0 else 1.0 / bound.lower
 
 
 def worst_case_gain(n_nodes: int) -> float:
-    """``sigma_max(Phi_N)``: a gain above it serves every externally connected graph with at most N nodes.
+    """``sigma_max(Phi_N)``: a gain above it serves every externally connected graph with N <= ``n_nodes`` nodes.
 
     ``1 / (2 + 2 cos(2 pi N / (2 N + 1)))``, computed as ``1 / (4 sin^2(pi / (2 (2 N + 1))))``, which does not cancel.
 
@@ -39,7 +41,7 @@ def worst_case_gain(n_nodes: int) -> float:
 
 
 def worst_case_eigenvalue(n_nodes: int, components: int = 1) -> float:
-    """Smallest ``lambda_min`` over all externally connected graphs with N nodes and C components.
+    """Smallest ``lambda_min`` over all externally connected graphs with N = ``n_nodes`` and C = ``components``.
 
     Attained by the chain anchored at its end, on the N - C + 1 nodes of the largest possible component.
     Source: G16, Theorem 1 and Corollary 1 (E-000-14).

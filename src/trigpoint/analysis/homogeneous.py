@@ -95,7 +95,9 @@ def _common_motion(agent: LinearAgent, dies_out: bool) -> tuple[str, NDArray[Any
     values, vectors = la.eig(agent.A)
     lasting = np.flatnonzero(values.real >= -1e-9 * float(np.linalg.norm(agent.A, 2)))
     chosen = lasting if lasting.size and not dies_out else np.arange(values.shape[0])
-    modes = sorted({f"{complex(round(values[k].real, 9), round(values[k].imag, 9)):.6g}" for k in chosen.tolist()})
+    modes = sorted(
+        {f"{complex(round(values[k].real, 9) + 0.0, round(values[k].imag, 9) + 0.0):.6g}" for k in chosen.tolist()}
+    )
     named = ", ".join(modes[:_MODES_NAMED]) + (" and more" if len(modes) > _MODES_NAMED else "")
     slowest = vectors[:, int(np.argmax(values.real))]
     motion = slowest.real if not slowest.imag.any() else slowest

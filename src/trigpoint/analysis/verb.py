@@ -15,8 +15,8 @@ def diagnose(problem: Any) -> Diagnosis:
     """Tell whether every node can know its state, which nodes cannot, why, and what to add.
 
     Args:
-        problem: ``NetworkedAgents`` with equal agents; or a ``MeasurementGraph`` or ``Network``, which stand for unknown
-            constants (``A_1 = 0_d``, ``C_1 = I_d``).
+        problem: ``NetworkedAgents`` with equal agents; or a ``MeasurementGraph`` or ``Network``, which stand for
+            unknown constants (``A_1 = 0_d``, ``C_1 = I_d``).
 
     Raises:
         ArgumentError: something else, or agents that differ.

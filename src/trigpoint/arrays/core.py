@@ -15,14 +15,14 @@ BoolArray = NDArray[np.bool_]
 
 
 def frozen(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
-    """Return a read-only copy of ``value``; the caller's array stays untouched and unshared."""
+    """Return a read-only copy of ``value`` as ``dtype``; the caller's array stays untouched and unshared."""
     array = np.array(value, dtype=dtype, copy=True)
     array.setflags(write=False)
     return array
 
 
 def require_finite(name: str, array: NDArray[Any]) -> None:
-    """Refuse NaN and infinity where they enter, naming the argument and the first bad position."""
+    """Refuse NaN and infinity in ``array`` where they enter, naming the argument (``name``) and the first position."""
     bad = ~np.isfinite(array)
     if bad.any():
         position = tuple(int(k) for k in np.argwhere(bad)[0])
@@ -31,7 +31,7 @@ def require_finite(name: str, array: NDArray[Any]) -> None:
 
 
 def as_floats(name: str, value: ArrayLike) -> FloatArray:
-    """Return a read-only float copy of ``value``, refusing text, ragged lists, NaN and infinity."""
+    """Return a read-only float copy of ``value``; text, ragged lists, NaN and infinity are errors that say ``name``."""
     try:
         raw = np.asarray(value)
         if raw.dtype.kind not in "biufO":
@@ -44,7 +44,10 @@ def as_floats(name: str, value: ArrayLike) -> FloatArray:
 
 
 def as_matrix(name: str, value: ArrayLike, rows: int | None = None, columns: int | None = None) -> FloatArray:
-    """Return ``value`` as a read-only finite matrix; a scalar is 1 x 1, a vector is refused (row or column?)."""
+    """Return ``value`` as a read-only finite matrix, (``rows``, ``columns``) where given; ``name`` is for the error.
+
+    A scalar is 1 x 1; a vector is refused, since nobody knows whether it is a row or a column.
+    """
     array = as_floats(name, value)
     if array.ndim == 0:
         array = frozen(array.reshape(1, 1))
@@ -57,7 +60,7 @@ def as_matrix(name: str, value: ArrayLike, rows: int | None = None, columns: int
 
 
 def as_indices(name: str, value: ArrayLike, low: int, high: int) -> IntArray:
-    """Return ``value`` as a read-only vector of whole numbers ``low <= k < high``."""
+    """Return ``value`` as a read-only vector of whole numbers ``low <= k < high``; errors say ``name``."""
     raw = np.asarray(value)
     if raw.size == 0:
         raw = raw.astype(np.int64)

@@ -19,14 +19,17 @@ _LARGEST = 2**31
 
 
 def encode_array(array: NDArray[Any]) -> dict[str, Any]:
-    """Return a JSON object ``{"type", "shape", "base64"}``; floats as f8, whole numbers as i8, little-endian."""
+    """Return ``array`` as a JSON object ``{"type", "shape", "base64"}``, little-endian f8 or i8."""
     kind = "i8" if np.issubdtype(array.dtype, np.integer) else "f8"
     data = np.ascontiguousarray(array, dtype=_TYPES[kind])
     return {"type": kind, "shape": list(array.shape), "base64": base64.b64encode(data.tobytes()).decode("ascii")}
 
 
 def decode_array(document: Any, name: str = "array") -> NDArray[Any]:
-    """Read what ``encode_array`` wrote; anything else is a ``ProtocolError`` (nothing is executed or imported)."""
+    """Read the ``document`` that ``encode_array`` wrote; anything else is a ``ProtocolError`` that says ``name``.
+
+    Nothing is executed or imported.
+    """
     if not isinstance(document, dict) or set(document) != {"type", "shape", "base64"}:
         raise ProtocolError(f"{name} must be an object with type, shape and base64")
     kind, shape, text = document["type"], document["shape"], document["base64"]

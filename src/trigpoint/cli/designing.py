@@ -14,12 +14,11 @@ from trigpoint.certificates import Certificate, certify, verify
 from trigpoint.cli.compose import changed, estimating, method_of, read
 from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, Out, console, emit, guarded, notice
 from trigpoint.errors import FileFormatError
-from trigpoint.io import load, save
+from trigpoint.io import load, parse_json, save
+from trigpoint.io.text import read_text
 from trigpoint.methods import design
 from trigpoint.model import NetworkedAgents
-from trigpoint.model.documents import problem_document
 from trigpoint.observers.certificate import Outcome
-from trigpoint.observers.documents import observer_document
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
 CODE: dict[Outcome, int] = {"certified": HOLDS, "refuted": FAILS, "inconclusive": UNDECIDED}
@@ -172,7 +171,10 @@ def _beside(certificate: Path, what: str, digest: str) -> Any:
     if not path.exists():
         raise FileFormatError(path, f"is missing: a certificate is checked against the {what} beside it")
     loaded = load(path)
-    document = problem_document(loaded) if isinstance(loaded, NetworkedAgents) else observer_document(loaded)
-    if digest_of(document) != digest:
+    try:
+        found = digest_of(parse_json(read_text(path), path))  # of what stands there, unknown fields included
+    except ValueError as error:
+        raise FileFormatError(path, f"holds a number that JSON has no word for ({error})") from error
+    if found != digest:
         raise FileFormatError(path, f"is not the {what} that the certificate names (its digest differs)")
     return loaded

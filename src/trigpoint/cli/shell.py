@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 import json
 import math
 import os
@@ -20,6 +21,8 @@ from trigpoint.errors import TrigpointError
 
 HOLDS, FAILS, MISUSE, UNDECIDED = 0, 1, 2, 3
 
+_UNBOUNDED = 1_000_000  # columns: in a file or pipe no name is cut
+
 P = ParamSpec("P")
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, and nothing else.")]
@@ -32,10 +35,14 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
 
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        _replace_unprintable()
         try:
             code = command(*args, **kwargs)
+            sys.stdout.flush()  # here, where a reader that left is still ours to handle
         except TrigpointError as error:
             fail(str(error))
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            fail(f"the numbers leave the range of floating point ({error}); check the units and the gain")
         except BrokenPipeError:  # the reader of our output left: nothing is wrong here
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(HOLDS) from None
@@ -47,9 +54,16 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
     return run
 
 
+def _replace_unprintable() -> None:
+    """Let names that the terminal's encoding lacks appear as escapes, instead of ending the program."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def fail(text: str) -> None:
-    """Print an error on standard error and leave with exit code 2."""
-    print(f"error: {text}", file=sys.stderr)
+    """Print an error as one line on standard error and leave with exit code 2."""
+    print("error: " + " ".join(line.strip() for line in text.splitlines()), file=sys.stderr)
     raise typer.Exit(MISUSE)
 
 
@@ -60,7 +74,8 @@ def notice(text: str) -> None:
 
 def emit(document: dict[str, Any]) -> None:
     """Print one JSON object; NaN and infinity become null."""
-    print(json.dumps(plain(document), indent=2, allow_nan=False, ensure_ascii=False))
+    escaped = not (sys.stdout.encoding or "").lower().startswith("utf")
+    print(json.dumps(plain(document), indent=2, allow_nan=False, ensure_ascii=escaped))
 
 
 def plain(value: Any) -> Any:
@@ -79,8 +94,15 @@ def plain(value: Any) -> Any:
 
 
 def console() -> Console:
-    """Standard output for people: styles on a terminal, plain text elsewhere; names are never read as markup."""
-    return Console(highlight=False, soft_wrap=True, markup=False)
+    """Standard output for people: styles on a terminal, plain text elsewhere; names are printed as they are."""
+    width = None if sys.stdout.isatty() else _UNBOUNDED
+    return _Screen(highlight=False, soft_wrap=True, markup=False, emoji=False, width=width)
+
+
+class _Screen(Console):
+    def on_broken_pipe(self) -> None:
+        """Leave a reader that left to ``guarded``."""
+        raise BrokenPipeError
 
 
 def tracked(title: str) -> Callable[[Iterable[Any]], Iterable[Any]]:

@@ -77,10 +77,12 @@ def _section(
     kept = section.model_dump(exclude_none=True)
     if horizon is not None:
         kept.pop("times", None)
+    if not all(np.isfinite(value) for value in given.values()):
+        raise ArgumentError(f"--horizon and --period must be finite; got {horizon}, {period}")
     try:
         return SimulateSection.model_validate({**kept, **given})
     except ValueError as error:
-        raise ArgumentError(f"--horizon and --period must be positive, --seed at least 0 ({error})") from error
+        raise ArgumentError(f"--horizon and --period must be positive, --seed at least 0; got {given}") from error
 
 
 def scenario_of(

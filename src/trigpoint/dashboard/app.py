@@ -57,12 +57,12 @@ def replay_app(
 
 
 def page_url(app: Starlette, port: int) -> str:
-    """Return the address to open in a browser on this machine, token included."""
+    """Return the address of ``app`` on ``port`` to open in a browser on this machine, token included."""
     return f"http://{_HOST}:{port}/?token={quote(app.state.token, safe='')}"
 
 
 def serve(app: Starlette, port: int = 8765) -> None:
-    """Serve the application on 127.0.0.1 until interrupted; the address goes to standard error.
+    """Serve ``app`` on 127.0.0.1 until interrupted; the address goes to standard error.
 
     Raises ``ArgumentError`` for a port outside 1..65535, ``MissingExtraError`` without uvicorn and websockets.
     """

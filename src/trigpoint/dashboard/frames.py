@@ -64,7 +64,7 @@ def topology_message(run: Run, graph: MeasurementGraph, positions: ArrayLike | N
 
 
 def frame(run: Run, k: int) -> bytes:
-    """Return the binary frame of sample ``k``, 0 <= k < T: the time and each node's error norm."""
+    """Return the binary frame of sample ``k`` of ``run``, 0 <= k < T: the time and each node's error norm."""
     if not 0 <= k < run.times.shape[0]:
         raise ArgumentError(f"sample {k} is not in the run; expected 0 <= k < {run.times.shape[0]}")
     numbers = np.concatenate([run.times[k : k + 1], node_errors(run, k)])
@@ -73,7 +73,7 @@ def frame(run: Run, k: int) -> bytes:
 
 
 def decode_frame(data: bytes) -> tuple[float, FloatArray]:
-    """Read a frame: its time and the (N,) error norms. Anything but whole float32 numbers is a ``ProtocolError``."""
+    """Read the frame ``data``: its time and the (N,) error norms; what is not float32 numbers is a ``ProtocolError``"""
     if len(data) < _FLOAT.itemsize or len(data) % _FLOAT.itemsize:
         raise ProtocolError(f"a frame is a time and one number a node, 4 bytes each; got {len(data)} bytes")
     numbers = np.frombuffer(data, dtype=_FLOAT).astype(np.float64)

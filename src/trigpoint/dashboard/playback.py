@@ -25,7 +25,10 @@ _KEYS = {"play": set(), "pause": set(), "seek": {"frame"}, "speed": {"value"}, "
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """Where a replay stands: ``clock`` in the run's own seconds, and whether it moves."""
+    """Where a replay of the samples at ``times`` stands.
+
+    ``clock`` counts in the run's own seconds, ``speed`` of them a second while ``playing``.
+    """
 
     times: FloatArray
     speed: float

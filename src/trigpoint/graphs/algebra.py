@@ -37,13 +37,19 @@ def laplacian(
     values = (np.ones(tail.shape[0]) if weight is None else weight).reshape(tail.shape[0], size, size)
     inner = ~external
     t, h, w = tail[inner], head[inner], values[inner]
-    rows = np.concatenate([head, t, t, h])
-    columns = np.concatenate([head, t, h, t])
-    entries = np.concatenate([values, w, -w, -w.transpose(0, 2, 1)])
+    low, high = np.minimum(t, h), np.maximum(t, h)
+    # Each pair of nodes is summed once and mirrored, so that L is symmetric to the last bit.
+    diagonal = _assembled(np.concatenate([head, t]), np.concatenate([head, t]), np.concatenate([values, w]), n_nodes)
+    above = _assembled(low, high, -w, n_nodes)
+    return sp.csr_array(diagonal + above + above.T)
+
+
+def _assembled(rows: IntArray, columns: IntArray, entries: FloatArray, n_nodes: int) -> sp.csr_array:
+    size = entries.shape[1]
     if size > 1:
         rows, columns, entries = _expand(rows, columns, entries, size)
-    matrix = sp.coo_array((entries.ravel(), (rows, columns)), shape=(n_nodes * size, n_nodes * size))
-    return sp.csr_array(matrix)
+    shape = (n_nodes * size, n_nodes * size)
+    return sp.csr_array(sp.coo_array((entries.ravel(), (rows, columns)), shape=shape))
 
 
 def _expand(rows: IntArray, columns: IntArray, entries: FloatArray, size: int) -> tuple[IntArray, IntArray, FloatArray]:

@@ -14,7 +14,9 @@ from trigpoint.graphs.measurement_graph import EXTERNAL, MeasurementGraph
 
 
 def chain(n: int, anchors: Sequence[int] = (0,)) -> MeasurementGraph:
-    """Path 0 -> 1 -> ... -> n-1, anchored at node 0: the worst graph with n nodes (G16, Theorem 1).
+    """Path 0 -> 1 -> ... -> n-1 with ``anchors``, node 0 unless given.
+
+    Anchored at its end it is the worst graph with n nodes (G16, Theorem 1).
 
     >>> from trigpoint.graphs import chain
     >>> chain(3).laplacian().toarray()
@@ -28,27 +30,27 @@ def chain(n: int, anchors: Sequence[int] = (0,)) -> MeasurementGraph:
 
 
 def cycle(n: int, anchors: Sequence[int] = ()) -> MeasurementGraph:
-    """Ring 0 -> 1 -> ... -> n-1 -> 0 (n >= 2; for n = 2 two parallel arcs), as in R23's cycle sensing."""
+    """Ring 0 -> 1 -> ... -> n-1 -> 0 with ``anchors``, as in R23's cycle sensing (n = 2: two parallel arcs)."""
     n = _count("n", n, 2)
     nodes = np.arange(n)
     return _with_anchors(n, nodes, np.roll(nodes, -1), anchors)
 
 
 def complete(n: int, anchors: Sequence[int] = ()) -> MeasurementGraph:
-    """Every pair of nodes joined by one arc."""
+    """Every pair of the n nodes joined by one arc, lower index to higher; external arcs on ``anchors``."""
     n = _count("n", n, 1)
     tail, head = np.triu_indices(n, k=1)
     return _with_anchors(n, tail, head, anchors)
 
 
 def star(n: int, anchors: Sequence[int] = (0,)) -> MeasurementGraph:
-    """Node 0 joined to each of the n - 1 others."""
+    """Node 0 joined to each of the n - 1 others; external arcs on ``anchors``."""
     n = _count("n", n, 1)
     return _with_anchors(n, np.zeros(n - 1, dtype=np.int64), np.arange(1, n), anchors)
 
 
 def grid(rows: int, cols: int, anchors: Sequence[int] = (0,)) -> MeasurementGraph:
-    """Rectangular grid, row-major (node = row * cols + column), arcs to the right and downwards."""
+    """Grid of ``rows`` x ``cols`` nodes, row-major, arcs to the right and downwards; external arcs on ``anchors``."""
     rows, cols = _count("rows", rows, 1), _count("cols", cols, 1)
     index = np.arange(rows * cols).reshape(rows, cols)
     tail = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])

@@ -20,7 +20,8 @@ def node_positions(graph: MeasurementGraph) -> FloatArray:
     Every component is placed by pivot multidimensional scaling of its hop distances (O(N + M) for each of 40 pivots);
     up to 150 nodes Kamada and Kawai's springs refine it. Components stand side by side, the largest first.
 
-    Source: Brandes, Pich, *Eigensolver methods for progressive multidimensional scaling of large data* (2007).
+    Source: Brandes, Pich, *Eigensolver methods for progressive multidimensional scaling of large data* (2007),
+    key BrandesPich2007.
     """
     adjacency = _adjacency(graph)
     components = sorted(graph.components, key=lambda nodes: (-nodes.shape[0], int(nodes[0])))

@@ -5,6 +5,7 @@ Nowhere else in the package is an offset ``i * n`` computed.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,6 +58,11 @@ def block_diagonal(blocks: FloatArray) -> sp.csr_array:
     indptr = np.arange(count + 1)
     matrix = sp.bsr_array((blocks, np.arange(count), indptr), shape=(count * rows, count * columns))
     return sp.csr_array(matrix)
+
+
+def diagonal_of(blocks: Iterable[FloatArray]) -> sp.csr_array:
+    """Block diagonal sparse matrix of blocks of any sizes."""
+    return sp.csr_array(sp.block_diag([sp.csr_array(block) for block in blocks]))
 
 
 def expand(matrix: sp.sparray, size: int) -> sp.csr_array:

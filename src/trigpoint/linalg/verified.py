@@ -108,7 +108,7 @@ def rayleigh_upper(matrix: Couplings, x: FloatArray) -> float:
     scale = float(np.abs(x).max(initial=0.0))
     if not np.isfinite(scale) or scale == 0.0:
         return np.inf
-    unit = x / scale
+    unit = np.ldexp(x, -int(np.frexp(scale)[1]))  # a power of two: exact but for underflow
     _, high = matrix.quadratic_form(unit)
     squares = float((unit * unit).sum())
     length = down(squares * (1.0 - float(gam(unit.shape[0] + 2.0))))

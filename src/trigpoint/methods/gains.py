@@ -139,7 +139,7 @@ class Family(GainRule):
 
 @dataclass(frozen=True)
 class Fixed(GainRule):
-    """A gain given by the user; the design then reports what it guarantees, if anything."""
+    """A gain ``gamma`` given by the user; the design then reports what it guarantees, if anything."""
 
     gamma: float
 

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.graphs import MeasurementGraph
-from trigpoint.linalg.blocks import Blocks, expand, repeat_diagonal
+from trigpoint.linalg.blocks import Blocks, diagonal_of, expand, repeat_diagonal
 from trigpoint.model.agents import LinearAgent
 
 
@@ -79,12 +79,12 @@ class NetworkedAgents:
         """``A = I (x) A_1``, or the block diagonal of the agents' A: sparse (sum n_i, sum n_i)."""
         if self.is_homogeneous:
             return repeat_diagonal(self.graph.n_nodes, self.agents[0].A)
-        return sp.csr_array(sp.block_diag([agent.A for agent in self.agents]))
+        return diagonal_of(agent.A for agent in self.agents)
 
     def stacked_output(self) -> sp.csr_array:
         """``C = G^T (x) C_1`` (in general ``(G^T (x) I_p) blockdiag(C_i)``): sparse (M p, sum n_i)."""
         differences = expand(sp.csr_array(self.graph.incidence().T), self.n_outputs)
-        return sp.csr_array(differences @ sp.block_diag([agent.C for agent in self.agents]))
+        return sp.csr_array(differences @ diagonal_of(agent.C for agent in self.agents))
 
 
 def _is_same(one: LinearAgent, other: LinearAgent) -> bool:

@@ -40,7 +40,13 @@ class ClaimRecord:
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """Claims about one observer of one problem, named by the digests of their documents."""
+    """Claims about one observer of one problem.
+
+    Attributes:
+        problem_digest: SHA-256 of the problem's document.
+        observer_digest: SHA-256 of the observer's document.
+        records: the claims, each with its witness and verdict.
+    """
 
     problem_digest: str
     observer_digest: str

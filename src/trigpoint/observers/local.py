@@ -43,7 +43,7 @@ class LocalArc:
 
 @dataclass(frozen=True, eq=False)
 class Message:
-    """What a node tells its neighbours: its estimate, when it was made, and how many came before."""
+    """What ``sender`` tells its neighbours: its ``estimate`` (n,), the ``time`` [s] it is for, and its ``sequence``."""
 
     sender: str
     sequence: int
@@ -53,7 +53,7 @@ class Message:
 
 @dataclass(frozen=True, eq=False)
 class LocalState:
-    """All that a node remembers between two steps."""
+    """All that a node remembers between two steps: ``time`` [s], ``sequence`` (steps so far), ``estimate`` (n,)."""
 
     time: float
     sequence: int

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from trigpoint.arrays import FloatArray, IntArray, transition_and_integral
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
-from trigpoint.linalg.blocks import Blocks, block_diagonal, expand, repeat_diagonal
+from trigpoint.linalg.blocks import Blocks, block_diagonal, diagonal_of, expand, repeat_diagonal
 from trigpoint.model import LinearAgent, NetworkedAgents
 from trigpoint.observers.local import LocalArc, LocalObserver
 
@@ -91,6 +91,7 @@ class DiffusiveObserver(NetworkObserver):
         problem: the homogeneous network.
         injection: (n, p) ``Q_1 C_1^T R_1^{-1}``.
         gain: coupling gain gamma, positive.
+        method, decay_rate, spectral_abscissa, facts: as in ``NetworkObserver``.
 
     Source: G16, equations (8)-(10); R23, equation (7).
     """
@@ -183,7 +184,7 @@ class DiffusiveObserver(NetworkObserver):
                     there = rows.slice(self.graph.index(arc.neighbour))
                     H[own, there] = H[own, there].toarray() + arc.gain @ arc.neighbour_output
         inputs = [np.zeros((n, 0)) if agent.B is None else agent.B for agent in self.problem.agents]
-        G = sp.csr_array(sp.block_diag(inputs)) if any(B.shape[1] for B in inputs) else None
+        G = diagonal_of(inputs) if any(B.shape[1] for B in inputs) else None
         identity, nothing = sp.csr_array(sp.eye_array(rows.total)), sp.csr_array((rows.total, readings.total))
         return GeneralForm(sp.csr_array(H), sp.csr_array(K), G, identity, nothing)
 

@@ -29,7 +29,14 @@ class Cell:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All numbers of one experiment; ``text`` says what it is and what to look at."""
+    """All numbers of one experiment.
+
+    Attributes:
+        name: name of the experiment.
+        source: paper and place.
+        text: what it is and what to look at.
+        cells: published numbers beside ours.
+    """
 
     name: str
     source: str

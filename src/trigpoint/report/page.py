@@ -69,7 +69,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture as SVG text, and what it shows. The SVG must be self-contained and free of scripts."""
+    """A picture as ``svg`` text, and what it shows (``caption``). It must be self-contained and free of scripts."""
 
     svg: str
     caption: str
@@ -88,7 +88,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, paragraphs (parted by blank lines), then tables and figures in order."""
+    """A heading (``title``), paragraphs (``text``, parted by blank lines), then tables and figures (``items``)."""
 
     title: str
     text: str = ""
@@ -103,7 +103,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole page."""
+    """A whole page: ``title``, ``subtitle`` and ``sections``."""
 
     title: str
     subtitle: str

@@ -12,6 +12,9 @@ from trigpoint.runtime.node import NodeProgram, read_node_file, start_value
 
 def main(arguments: list[str]) -> int:
     """Announce the first estimate, then answer frames until the stream ends or says stop."""
+    if len(arguments) not in (1, 2):
+        print("usage: python -m trigpoint.runtime NODE.json [START]", file=sys.stderr)
+        return 2
     try:
         program = NodeProgram(read_node_file(Path(arguments[0])), start_value(arguments[1] if arguments[1:] else None))
         source, sink = sys.stdin.buffer, sys.stdout.buffer
@@ -21,8 +24,11 @@ def main(arguments: list[str]) -> int:
             for answer in program.receive(frame):
                 write_frame(sink, answer)
                 sink.flush()
-    except (TrigpointError, IndexError) as error:
-        print(error, file=sys.stderr)
+    except BrokenPipeError:  # whoever started this node has left
+        sys.stdout = None  # type: ignore[assignment]  # nothing is left to flush to
+        return 0
+    except TrigpointError as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
         return 2
     return 0
 

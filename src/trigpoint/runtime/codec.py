@@ -36,7 +36,15 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame: for an estimate the sender's state, for a reading the arc (sequence), for a step its length (time)."""
+    """One frame.
+
+    Attributes:
+        kind: what it says.
+        sender: name of the node that sent it; empty for the supervisor.
+        sequence: number of an estimate, or the arc of a reading.
+        time: seconds: when an estimate was made, or how long a step takes.
+        values: the estimate, or the reading; empty for a step.
+    """
 
     kind: Kind
     sender: str
@@ -47,10 +55,15 @@ class Frame:
 
 def encode_frame(frame: Frame) -> bytes:
     """Bytes of one frame; what does not fit the limits is a ``ProtocolError``."""
-    name = frame.sender.encode("utf-8")
+    try:
+        name = frame.sender.encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise ProtocolError(f"the sender's name {frame.sender!r} is no UTF-8") from error
     values = np.ascontiguousarray(frame.values, dtype="<f8")
     if len(name) > _LONGEST_NAME or values.ndim != 1 or values.shape[0] > _MOST_VALUES:
         raise ProtocolError(f"a frame holds at most {_LONGEST_NAME} bytes of name and {_MOST_VALUES} values")
+    if not 0 <= frame.sequence < 2**64:
+        raise ProtocolError(f"a frame's sequence must fit 64 bits; got {frame.sequence}")
     if not np.isfinite(values).all() or not np.isfinite(frame.time):
         raise ProtocolError("a frame's numbers must be finite")
     head = _HEAD.pack(
@@ -60,7 +73,7 @@ def encode_frame(frame: Frame) -> bytes:
 
 
 def decode_frame(data: bytes) -> Frame:
-    """Read one frame; anything malformed is a ``ProtocolError`` that says what is wrong."""
+    """Read one frame from ``data``; anything malformed is a ``ProtocolError`` that says what is wrong."""
     if len(data) < _HEAD.size:
         raise ProtocolError(f"a frame has at least {_HEAD.size} bytes; got {len(data)}")
     magic, version, kind, name_length, count, sequence, time = _HEAD.unpack_from(data)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from trigpoint.arrays import FloatArray
-from trigpoint.errors import FileFormatError, ProtocolError
+from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
 from trigpoint.observers.local import LocalObserver, Message
 from trigpoint.runtime.codec import Frame, Kind
 
@@ -20,6 +20,10 @@ class NodeProgram:
     """Runs one ``LocalObserver``: collects its neighbours' estimates and its arcs' readings, steps when told to.
 
     Strangers' estimates and readings of other nodes' arcs are refused: a node uses only what its node file names.
+
+    Args:
+        observer: the program, as read from a node file.
+        estimate: (n,) first estimate; zero unless given.
     """
 
     def __init__(self, observer: LocalObserver, estimate: FloatArray | None = None) -> None:
@@ -68,21 +72,24 @@ class NodeProgram:
 
 
 def write_node_file(observer: LocalObserver, path: Path) -> None:
-    """Write all that one node needs to know, as JSON."""
+    """Write all that one node needs to know (``observer``) to ``path``, as JSON."""
     path.write_text(json.dumps(observer.to_document(), indent=1), encoding="utf-8")
 
 
 def read_node_file(path: Path) -> LocalObserver:
-    """Read a node file; a damaged one is a ``FileFormatError``."""
+    """Read the node file ``path``; a damaged one is a ``FileFormatError``."""
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise FileFormatError(path, f"a node file has at most {_LARGEST_FILE} bytes")
         document: Any = json.loads(path.read_text(encoding="utf-8"))
         return LocalObserver.from_document(document)
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, ProtocolError) as error:
+    except (OSError, RecursionError, ValueError) as error:  # damaged text, JSON and protocol errors are ValueErrors
         raise FileFormatError(path, f"not a node file: {error}") from error
 
 
 def start_value(text: str | None) -> FloatArray | None:
-    """Numbers separated by commas, or None."""
-    return None if not text else np.array([float(part) for part in text.split(",")])
+    """Numbers separated by commas, or None; other text is an ``ArgumentError``."""
+    try:
+        return None if not text else np.array([float(part) for part in text.split(",")])
+    except ValueError as error:
+        raise ArgumentError(f"the start must be numbers separated by commas; got {text!r}") from error

@@ -51,6 +51,8 @@ class Plant:
 
     def advance(self, state: FloatArray, duration: float, noise: FloatArray | None = None) -> FloatArray:
         """Truth (N, n) ``duration`` seconds later, exactly, plus a drawn disturbance."""
+        if duration == 0.0 and noise is None:  # to the last bit
+            return state
         transition, integral = transition_and_integral(self.problem.agent.A, duration)
         moved = state @ transition.T + self.drive @ integral.T
         return moved if noise is None else moved + noise
