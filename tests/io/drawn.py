@@ -7,6 +7,7 @@ import scipy.sparse as sp
 from hypothesis import strategies as st
 
 from trigpoint.graphs import EXTERNAL, MeasurementGraph
+from trigpoint.linalg.blocks import diagonal_of
 from trigpoint.model import Network
 
 AWKWARD = [
@@ -99,7 +100,7 @@ def dense(network):
     elif sp.issparse(network.covariance):
         whole = network.covariance.toarray()
     else:
-        whole = sp.block_diag(list(np.reshape(network.covariance, (count, size, size)))).toarray()
+        whole = diagonal_of(np.reshape(network.covariance, (count, size, size))).toarray()
     keep = np.repeat(~network.exact, size).astype(float)
     return whole * np.outer(keep, keep)
 

@@ -8,6 +8,9 @@ import scipy.sparse as sp
 from trigpoint.arrays import BoolArray, FloatArray, IntArray
 from trigpoint.linalg.blocks import Blocks
 
+EXTERNAL = -1
+"""Tail of an external arc: the environment (node 0 of G16). Never an index: test with ``graph.is_external``."""
+
 
 def incidence(n_nodes: int, tail: IntArray, head: IntArray, external: BoolArray) -> sp.csc_array:
     """Generalized incidence ``G`` (N, M): -1 at the tail of an internal arc, +1 at every head."""

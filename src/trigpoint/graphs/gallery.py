@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 
 from trigpoint.arrays import IntArray, as_floats, as_indices
 from trigpoint.errors import ArgumentError, ShapeError
-from trigpoint.graphs.measurement_graph import EXTERNAL, MeasurementGraph
+from trigpoint.graphs.algebra import EXTERNAL
+from trigpoint.graphs.measurement_graph import MeasurementGraph
 
 
 def chain(n: int, anchors: Sequence[int] = (0,)) -> MeasurementGraph:

@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from trigpoint.arrays import BoolArray, FloatArray, IntArray, as_floats, as_indices, frozen
 from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.graphs import algebra, structure
+from trigpoint.graphs.algebra import EXTERNAL
+from trigpoint.graphs.interop import read_networkx, write_networkx
 
 if TYPE_CHECKING:
     import networkx as nx
-
-EXTERNAL = -1
-"""Tail of an external arc: the environment (node 0 of G16). Never an index: test with ``graph.is_external``."""
 
 _SYMMETRY_TOLERANCE = 1e-12
 
@@ -240,16 +239,29 @@ class MeasurementGraph:
     # -- networkx --------------------------------------------------------------------------------------------------
     @staticmethod
     def from_networkx(graph: nx.Graph[Any], anchors: Sequence[Any] = (), weight: str = "weight") -> MeasurementGraph:
-        """Read a networkx graph; see :func:`trigpoint.graphs.interop.from_networkx`."""
-        from trigpoint.graphs.interop import from_networkx
+        """Read any networkx graph: edge (u, v) becomes the arc u -> v, the order of ``graph.nodes`` is kept.
 
-        return from_networkx(graph, anchors, weight)
+        Args:
+            graph: directed or not, parallel edges allowed. A node named ``""`` is the environment: its edges become
+                external arcs of their other end (an undirected or reversed edge too).
+            anchors: nodes that get one more external arc each, of weight 1.
+            weight: edge attribute with the arc's weight (1 where it is missing).
+
+        Raises:
+            ArgumentError: a self-loop, an unknown anchor, a graph without nodes, two nodes with the same text.
+        """
+        found = read_networkx(graph, anchors, weight)
+        tail, head = [t for t, _, _ in found.arcs], [h for _, h, _ in found.arcs]
+        return MeasurementGraph(len(found.names), tail, head, found.weight(weight), found.names)
 
     def to_networkx(self) -> nx.MultiDiGraph[Any]:
-        """Return a ``networkx.MultiDiGraph``; see :func:`trigpoint.graphs.interop.to_networkx`."""
-        from trigpoint.graphs.interop import to_networkx
+        """Return nodes by name and one edge an arc (key = arc number); the environment is the node ``""`` if used.
 
-        return to_networkx(self)
+        ``from_networkx(g.to_networkx())`` has the same nodes, arcs and weights (arcs perhaps in another order). A node
+        with the empty name is an ``ArgumentError``.
+        """
+        weights = [None] * self.n_arcs if self.weight is None else self.weight
+        return write_networkx(self.names, zip(self.tail.tolist(), self.head.tolist(), weights, strict=True))
 
     def __repr__(self) -> str:
         outer = int(self.is_external.sum())

@@ -20,6 +20,7 @@ from trigpoint.errors import FileFormatError
 from trigpoint.graphs import EXTERNAL, MeasurementGraph
 from trigpoint.io.text import nearest, parse_number, read_bytes, shown
 from trigpoint.io.xml_events import parse_xml
+from trigpoint.linalg.blocks import diagonal_of
 from trigpoint.model import Network
 
 _CLUSTERS = ("height-differences", "coordinates", "obs")
@@ -326,7 +327,7 @@ class _Reader:
                 blocks.append(sp.diags_array([o.variance for o in cluster.observations]))
             else:
                 blocks.append(cluster.covariance)
-        joint = sp.block_diag([*blocks, sp.csr_array((n_fixed, n_fixed))], format="csr")
+        joint = diagonal_of([*blocks, sp.csr_array((n_fixed, n_fixed))])
         joint.eliminate_zeros()
         diagonal: FloatArray = joint.diagonal()
         if joint.nnz == np.count_nonzero(diagonal):

@@ -60,8 +60,8 @@ def block_diagonal(blocks: FloatArray) -> sp.csr_array:
     return sp.csr_array(matrix)
 
 
-def diagonal_of(blocks: Iterable[FloatArray]) -> sp.csr_array:
-    """Block diagonal sparse matrix of blocks of any sizes."""
+def diagonal_of(blocks: Iterable[Any]) -> sp.csr_array:
+    """Block diagonal sparse matrix of dense or sparse blocks of any sizes."""
     return sp.csr_array(sp.block_diag([sp.csr_array(block) for block in blocks]))
 
 
