@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trigpoint.arrays.core import frozen, require_finite
-from trigpoint.errors import ProtocolError
+from trigpoint.errors import ArgumentError, ProtocolError
 
 _TYPES = {"f8": "<f8", "i8": "<i8"}
 _LARGEST = 2**31
@@ -20,7 +20,9 @@ _LARGEST = 2**31
 
 def encode_array(array: NDArray[Any]) -> dict[str, Any]:
     """Return ``array`` as a JSON object ``{"type", "shape", "base64"}``, little-endian f8 or i8."""
-    kind = "i8" if np.issubdtype(array.dtype, np.integer) else "f8"
+    if not np.can_cast(array.dtype, np.int64) and not np.can_cast(array.dtype, np.float64):
+        raise ArgumentError(f"only real and whole numbers can be written; got dtype {array.dtype}")
+    kind = "i8" if np.can_cast(array.dtype, np.int64) and array.dtype != np.bool_ else "f8"
     data = np.ascontiguousarray(array, dtype=_TYPES[kind])
     return {"type": kind, "shape": list(array.shape), "base64": base64.b64encode(data.tobytes()).decode("ascii")}
 

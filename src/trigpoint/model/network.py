@@ -68,6 +68,11 @@ class Network:
         numbers = as_floats("values", values)
         if numbers.ndim not in (1, 2) or numbers.shape[0] != graph.n_arcs:
             raise ShapeError(f"values must have shape ({graph.n_arcs},) or ({graph.n_arcs}, d); got {numbers.shape}")
+        if graph.weight is not None and graph.weight.ndim == 3 and graph.dimension != _width(numbers):
+            raise ShapeError(
+                f"the graph's weight blocks are {graph.dimension} x {graph.dimension}, but a measurement has "
+                f"{_width(numbers)} numbers"
+            )
         mask = np.zeros(graph.n_arcs, dtype=np.bool_) if exact is None else np.asarray(exact, dtype=np.bool_)
         _check_exact(graph, numbers, mask)
         object.__setattr__(self, "graph", graph)
@@ -87,7 +92,7 @@ class Network:
     @property
     def dimension(self) -> int:
         """Number d of values in one measurement."""
-        return 1 if self.values.ndim == 1 else int(self.values.shape[1])
+        return _width(self.values)
 
     def known_values(self) -> dict[int, FloatArray]:
         """Value (d,) of each known mark, by node."""
@@ -97,11 +102,22 @@ class Network:
         return {mark: value[mark] for mark in self.known}
 
     def with_exact_readings_as_marks(self) -> Network:
-        """The same network in which every node with an exact reading is a known mark (one exact arc is kept)."""
+        """The same network in which every node with an exact reading is a known mark (one exact arc is kept).
+
+        Noisy readings of such a node say nothing more and are left out; where their errors are correlated with others
+        that would lose information, and is an ``ArgumentError``.
+        """
         readings = np.flatnonzero(self.exact)
         marks, first = np.unique(self.graph.head[readings], return_index=True)
         drop = np.setdiff1d(np.flatnonzero(self.graph.is_external & np.isin(self.graph.head, marks)), readings[first])
         keep = np.setdiff1d(np.arange(self.graph.n_arcs), drop)
+        if self.covariance is not None and sp.issparse(self.covariance):
+            rows = Blocks(self.graph.n_arcs, self.dimension)
+            if self.covariance[rows.positions(drop)][:, rows.positions(keep)].nnz:
+                raise ArgumentError(
+                    "a noisy reading of an exactly known node is correlated with other arcs: it tells about their "
+                    "errors and cannot be left out; use estimate(), or drop the correlation"
+                )
         return self._select(keep, known=tuple(int(k) for k in marks))
 
     def _select(self, arcs: IntArray, known: tuple[int, ...]) -> Network:
@@ -214,6 +230,10 @@ class Reduction:
     network: Network
     nodes: IntArray
     arcs: IntArray
+
+
+def _width(values: FloatArray) -> int:
+    return 1 if values.ndim == 1 else int(values.shape[1])
 
 
 def _check_exact(graph: MeasurementGraph, values: FloatArray, exact: BoolArray) -> None:
