@@ -76,7 +76,7 @@ def test_as_matrix_names_both_shapes(value, rows, columns, words) -> None:
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        ([0, 3], r"k\[1\] = 3 is no node index; expected -1 <= index < 3"),
+        ([0, 3], r"k\[1\] = 3 is no index; expected -1 <= index < 3"),
         ([-2], r"k\[0\] = -2"),
         (np.array([2**64 - 1], dtype=np.uint64), r"k\[0\] = 18446744073709551615"),
         ([0.0, 1.0], "one-dimensional array of node indices; got dtype float64"),

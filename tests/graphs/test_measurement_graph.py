@@ -23,9 +23,9 @@ def arcs_of(graph: MeasurementGraph) -> list[tuple[str, str, float]]:
         ((0, [], []), "n_nodes must be a whole number of at least 1; got 0"),
         ((2.0, [], []), "n_nodes must be a whole number"),
         ((True, [], []), "n_nodes must be a whole number"),
-        ((2, [-2], [0]), r"tail\[0\] = -2 is no node index"),
-        ((2, [0], [2]), r"head\[0\] = 2 is no node index"),
-        ((2, [0], [EXTERNAL]), r"head\[0\] = -1 is no node index"),
+        ((2, [-2], [0]), r"tail\[0\] = -2 is no index"),
+        ((2, [0], [2]), r"head\[0\] = 2 is no index"),
+        ((2, [0], [EXTERNAL]), r"head\[0\] = -1 is no index"),
         ((2, [0, 1], [1]), "tail and head must have equal length; got 2 and 1"),
         ((2, [0, 1], [1, 1]), "arc 1 is a self-loop on node '1'.*external arc"),
         ((2, [0], [1], None, ["a"]), r"one name a node \(2\); got 1"),
@@ -172,7 +172,7 @@ def test_weights_written_out_and_replaced() -> None:
 
 
 def test_subgraph_refuses_unknown_repeated_and_no_nodes() -> None:
-    with pytest.raises(ArgumentError, match=r"nodes\[0\] = -1 is no node index"):
+    with pytest.raises(ArgumentError, match=r"nodes\[0\] = -1 is no index"):
         chain(3).subgraph([-1])
     with pytest.raises(ArgumentError, match="stands twice"):
         chain(3).subgraph([1, 1])

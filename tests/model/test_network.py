@@ -48,7 +48,7 @@ PAIR = MeasurementGraph(2, [EXTERNAL, 0, EXTERNAL], [0, 1, 1])
         ),
         (([0, 1, 2],), {"exact": [True]}, ShapeError, r"exact must have shape \(3,\); got \(1,\)"),
         (([0, 1, 2],), {"exact": [False, True, False]}, ArgumentError, "arc 0 -> 1 is internal and cannot be exact"),
-        (([0, 1, 2],), {"known": [2]}, ArgumentError, r"known\[0\] = 2 is no node index"),
+        (([0, 1, 2],), {"known": [2]}, ArgumentError, r"known\[0\] = 2 is no index"),
         (
             ([0, 1, 2],),
             {"known": [0]},

@@ -71,6 +71,6 @@ def as_indices(name: str, value: ArrayLike, low: int, high: int) -> IntArray:
     outside = (raw < low) | (raw >= high)  # before the cast: a large unsigned number would wrap to a negative one
     if outside.any():
         position = int(np.flatnonzero(outside)[0])
-        raise ArgumentError(f"{name}[{position}] = {raw[position]} is no node index; expected {low} <= index < {high}")
+        raise ArgumentError(f"{name}[{position}] = {raw[position]} is no index; expected {low} <= index < {high}")
     array: IntArray = frozen(raw, np.int64)
     return array

@@ -10,7 +10,7 @@ import scipy.linalg as la
 
 from trigpoint.analysis.eigenvalue import smallest_eigenvalue
 from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
-from trigpoint.arrays import FloatArray, decode_array
+from trigpoint.arrays import FloatArray
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.linalg.verified import down, gam, is_positive_definite, up
@@ -89,8 +89,6 @@ class Convergence(Claim):
 def _lyapunov_matrix(observer: DiffusiveObserver) -> FloatArray:
     n = observer.agent.n_states
     Q = observer.facts.get("Q")
-    if isinstance(Q, dict):  # as it stands in the observer's document
-        Q = decode_array(Q, "Q")
     if not isinstance(Q, np.ndarray) or Q.shape != (n, n):
         return np.eye(n)
     try:

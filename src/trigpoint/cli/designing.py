@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.table import Table
@@ -20,6 +20,8 @@ from trigpoint.methods import design
 from trigpoint.model import NetworkedAgents
 from trigpoint.observers.certificate import Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
+
+Document = TypeVar("Document")
 
 CODE: dict[Outcome, int] = {"certified": HOLDS, "refuted": FAILS, "inconclusive": UNDECIDED}
 
@@ -77,6 +79,8 @@ def write_documents(
     save(observer, folder / "observer.json")
     if certificate is not None:
         save(certificate, folder / "certificate.json")
+    elif (folder / "certificate.json").exists():
+        notice(f"{folder / 'certificate.json'} belongs to an earlier design; --certify writes a new one")
 
 
 def facts(observer: NetworkObserver, certificate: Certificate | None) -> dict[str, Any]:
@@ -147,8 +151,8 @@ def verify_command(
     certificate = load(file)
     if not isinstance(certificate, Certificate):
         raise FileFormatError(file, f"holds a {type(certificate).__name__}; expected a certificate")
-    problem = _beside(file, "problem", certificate.problem_digest)
-    observer = _beside(file, "observer", certificate.observer_digest)
+    problem = _beside(file, "problem", certificate.problem_digest, NetworkedAgents)
+    observer = _beside(file, "observer", certificate.observer_digest, DiffusiveObserver)
     verdict = verify(certificate, problem, observer)
     if as_json:
         claims = [{"claim": name, "verdict": outcome} for name, outcome in verdict.claims]
@@ -165,8 +169,8 @@ def _claims(certificate: Certificate) -> list[dict[str, Any]]:
     ]
 
 
-def _beside(certificate: Path, what: str, digest: str) -> Any:
-    """The document of that name beside the certificate, if its digest is the named one."""
+def _beside(certificate: Path, what: str, digest: str, kind: type[Document]) -> Document:
+    """The document of that name beside the certificate, if it is of that kind and its digest the named one."""
     path = certificate.with_name(f"{what}.json")
     if not path.exists():
         raise FileFormatError(path, f"is missing: a certificate is checked against the {what} beside it")
@@ -175,6 +179,6 @@ def _beside(certificate: Path, what: str, digest: str) -> Any:
         found = digest_of(parse_json(read_text(path), path))  # of what stands there, unknown fields included
     except ValueError as error:
         raise FileFormatError(path, f"holds a number that JSON has no word for ({error})") from error
-    if found != digest:
+    if found != digest or not isinstance(loaded, kind):
         raise FileFormatError(path, f"is not the {what} that the certificate names (its digest differs)")
     return loaded

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from trigpoint.cli.compose import estimating, read
 from trigpoint.cli.shell import FAILS, HOLDS, Json, Out, console, emit, guarded
-from trigpoint.dashboard import replay_app, serve
+from trigpoint.dashboard import page_url, replay_app, serve
 from trigpoint.errors import FileFormatError
 from trigpoint.io import ScenarioFile, load, save, write_atomically
 from trigpoint.observers.run import Run
@@ -85,6 +85,7 @@ def watch(
     file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz).")],
     network: Annotated[Path, typer.Argument(help="Its network: any file that simulate takes.")],
     port: Annotated[int, typer.Option("--port", help="Port on 127.0.0.1.")] = 8765,
+    as_json: Json = False,
 ) -> int:
     """Replay a recorded run in the browser, from this machine only. Ends with Ctrl-C."""
     run = _run(file)
@@ -92,7 +93,10 @@ def watch(
     graph = next((g for g in (given.graph, estimating(given, "unit").problem.graph) if g.names == run.names), None)
     if graph is None:
         raise FileFormatError(network, "is not the network of this run: the node names differ")
-    serve(replay_app(run, graph), port)
+    app = replay_app(run, graph)
+    if as_json:
+        emit({"address": page_url(app, port)})
+    serve(app, port)
     return HOLDS
 
 

@@ -112,7 +112,7 @@ def estimate(
         residuals=frozen(residuals.reshape(shape)),
         standardized=frozen(standardized.reshape(shape)),
         redundancy=frozen(cofactors.redundancy.reshape(shape)),
-        suspects=_suspects(standardized.reshape(shape[0], -1)),
+        suspects=_suspects(standardized.reshape(shape[0], data.dimension)),
         status=np.where(system.reference < 0, "anchored", "relative"),
         reference=frozen(system.reference, np.int64),
         variance_factor=variance_factor,
@@ -154,7 +154,7 @@ class _System:
         nodes = Blocks(graph.n_nodes, size)
         fixed = np.zeros((graph.n_nodes, size))
         readings = np.flatnonzero(data.exact)
-        fixed[graph.head[readings]] = data.values.reshape(graph.n_arcs, -1)[readings]
+        fixed[graph.head[readings]] = data.values.reshape(graph.n_arcs, size)[readings]
         is_free = np.ones(graph.n_nodes, dtype=np.bool_)
         is_free[graph.head[readings]] = False
         reference = np.full(graph.n_nodes, -1, dtype=np.int64)

@@ -224,6 +224,14 @@ class MeasurementGraph:
             chosen.shape[0], tail[keep], head[keep], weight, [self.names[k] for k in chosen.tolist()]
         )
 
+    def without_arcs(self, arcs: ArrayLike) -> MeasurementGraph:
+        """The same nodes without the given arcs (indices, external ones included): what if they fail?"""
+        dropped = as_indices("arcs", arcs, 0, self.n_arcs)
+        keep = np.ones(self.n_arcs, dtype=np.bool_)
+        keep[dropped] = False
+        weight = None if self.weight is None else self.weight[keep]
+        return MeasurementGraph(self.n_nodes, self.tail[keep], self.head[keep], weight, self.names)
+
     def with_weight(self, weight: ArrayLike | None) -> MeasurementGraph:
         """The same arcs with other weights."""
         return MeasurementGraph(self.n_nodes, self.tail, self.head, weight, self.names)

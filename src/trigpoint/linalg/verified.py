@@ -89,8 +89,11 @@ def collatz_wielandt_lower(matrix: Couplings, x: FloatArray) -> float:
     """
     if not (np.isfinite(x).all() and (x > _TINY * 2.0**60).all()):
         return -np.inf
-    value, error = matrix.apply(x)
-    least = float(((value - error) / x).min())
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows becomes NaN or infinite: no bound
+        value, error = matrix.apply(x)
+        least = float(((value - error) / x).min())
+    if np.isnan(least):
+        return -np.inf
     return down(least - 4.0 * UNIT_ROUNDOFF * abs(least))
 
 
@@ -98,8 +101,11 @@ def collatz_wielandt_upper(matrix: Couplings, x: FloatArray) -> float:
     """Rigorous upper bound ``max_i (L x)_i / x_i`` for any ``x > 0``; +inf when ``x`` is not positive."""
     if not (np.isfinite(x).all() and (x > _TINY * 2.0**60).all()):
         return np.inf
-    value, error = matrix.apply(x)
-    most = float(((value + error) / x).max())
+    with np.errstate(over="ignore", invalid="ignore"):
+        value, error = matrix.apply(x)
+        most = float(((value + error) / x).max())
+    if np.isnan(most):
+        return np.inf
     return up(most + 4.0 * UNIT_ROUNDOFF * abs(most))
 
 
@@ -109,7 +115,10 @@ def rayleigh_upper(matrix: Couplings, x: FloatArray) -> float:
     if not np.isfinite(scale) or scale == 0.0:
         return np.inf
     unit = np.ldexp(x, -int(np.frexp(scale)[1]))  # a power of two: exact but for underflow
-    _, high = matrix.quadratic_form(unit)
+    with np.errstate(over="ignore", invalid="ignore"):
+        _, high = matrix.quadratic_form(unit)
+    if np.isnan(high):
+        return np.inf
     squares = float((unit * unit).sum())
     length = down(squares * (1.0 - float(gam(unit.shape[0] + 2.0))))
     return up(high / length) if length > 0 else np.inf

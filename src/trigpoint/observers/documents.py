@@ -45,7 +45,8 @@ def read_observer(document: Mapping[str, Any]) -> DiffusiveObserver:
         problem = read_problem(document["problem"])
         injection = decode_array(document["injection"], "injection")
         gain, rate, abscissa = document["gain"], document["decay_rate"], document["spectral_abscissa"]
-        method, facts = document["method"], dict(document["facts"])
+        method = document["method"]
+        facts = {name: _value(name, value) for name, value in dict(document["facts"]).items()}
         expected = (problem.agent.n_states, problem.n_outputs)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ProtocolError(f"the observer document does not fit: {error}") from error
@@ -67,3 +68,7 @@ def _is_number(value: Any) -> bool:
 
 def _plain(value: Any) -> Any:
     return encode_array(value) if isinstance(value, np.ndarray) else value
+
+
+def _value(name: str, value: Any) -> Any:
+    return decode_array(value, name) if isinstance(value, dict) else value

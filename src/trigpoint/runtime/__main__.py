@@ -25,7 +25,7 @@ def main(arguments: list[str]) -> int:
                 write_frame(sink, answer)
                 sink.flush()
     except BrokenPipeError:  # whoever started this node has left
-        sys.stdout = None  # type: ignore[assignment]  # nothing is left to flush to
+        sys.stdout = None  # nothing is left to flush to
         return 0
     except TrigpointError as error:
         print(" ".join(str(error).split()), file=sys.stderr)
