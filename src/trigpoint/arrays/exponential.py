@@ -37,7 +37,7 @@ def expm(A: FloatArray) -> FloatArray:
 def _scaled_and_squared(A: FloatArray) -> FloatArray:
     n = A.shape[0]
     norm = float(np.abs(A).sum(axis=0).max()) if n else 0.0
-    squarings = max(0, int(np.ceil(np.log2(norm / _PADE_13_RADIUS)))) if norm > _PADE_13_RADIUS else 0
+    squarings = _halvings(norm)
     result: FloatArray = _pade_13(A / 2.0**squarings)
     for _ in range(squarings):
         result = np.asarray(result @ result, dtype=np.float64)
@@ -56,7 +56,11 @@ def _pade_13(A: FloatArray) -> FloatArray:
 
 
 def transition_and_integral(A: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
-    """Return ``exp(A h)`` and ``integral_0^h exp(A s) ds``, both (n, n), from one exponential of a 2n matrix."""
+    """Return ``exp(A h)`` and ``integral_0^h exp(A s) ds``, both (n, n).
+
+    One exponential of a 2n matrix over a short step d, then doubling: ``I(2d) = I(d) + T(d) I(d)``, ``T(2d) = T(d)^2``.
+    Squaring the 2n matrix itself would raise the rounding error of its unit block to the power h / d.
+    """
     n = A.shape[0]
     if A.ndim != 2 or A.shape[1] != n or n > _EXPM_LIMIT:
         raise ArgumentError(f"A must be a square matrix of at most {_EXPM_LIMIT} rows; got shape {A.shape}")
@@ -64,7 +68,18 @@ def transition_and_integral(A: FloatArray, h: float) -> tuple[FloatArray, FloatA
         return np.eye(n), h * np.eye(n)
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n] = A * h
-    block[:n, n:] = np.eye(n) * h
     require_finite("A h", block)
+    doublings = _halvings(float(np.abs(block).sum(axis=0).max()))
+    block /= 2.0**doublings
+    # The integral is linear in its unit, so that the step itself need not enter the matrix: (I / d) stays well scaled.
+    block[:n, n:] = np.eye(n)
     exponential = _scaled_and_squared(block)
-    return exponential[:n, :n], exponential[:n, n:]
+    transition, integral = exponential[:n, :n], exponential[:n, n:] * (h / 2.0**doublings)
+    for _ in range(doublings):
+        integral = integral + transition @ integral
+        transition = np.asarray(transition @ transition, dtype=np.float64)
+    return transition, np.asarray(integral, dtype=np.float64)
+
+
+def _halvings(norm: float) -> int:
+    return max(0, int(np.ceil(np.log2(norm / _PADE_13_RADIUS)))) if norm > _PADE_13_RADIUS else 0

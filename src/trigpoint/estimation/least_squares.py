@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from trigpoint.arrays import FloatArray, IntArray, frozen
 from trigpoint.errors import ArgumentError
@@ -18,8 +19,8 @@ from trigpoint.linalg.blocks import Blocks, expand
 from trigpoint.linalg.sparse import Factorization, factorize
 from trigpoint.model import Network
 
-SUSPECT_LEVEL = 3.29
-"""Standardized residual beyond which a measurement is suspect: two-sided 0.1 % of a normal variable."""
+SUSPECT_PROBABILITY = 0.001
+"""A measurement is suspect when errors of the assumed kind give so large a residual with less than this chance."""
 
 _LEAST_REDUNDANCY = 1e-6
 _REFINEMENTS = 3
@@ -35,8 +36,10 @@ class Estimate:
         sigma: standard deviations, shaped like x; 0 for exact nodes and references; NaN where not computed.
         residuals: values minus ``x[head] - x[tail]``, shaped like the values.
         standardized: residuals divided by their standard deviations; 0 where nothing checks the measurement.
-        redundancy: share of each measurement that others check, 0 (nothing does) to 1; shaped like the values.
-        suspects: arcs whose standardized residual exceeds 3.29 in size, the worst first.
+        redundancy: share of each measurement that others check, 0 (nothing does) to 1; shaped like the values. Over
+            uncorrelated measurements it adds up to the degrees of freedom.
+        suspects: arcs whose residual is improbable (two-sided 0.1 %), the worst first: by the normal distribution
+            where sigma is a priori, else by Student's, m0 being estimated from the others (external studentization).
         status: (N,) ``anchored`` or ``relative``.
         reference: (N,) node that a relative node's value refers to; -1 where anchored.
         variance_factor: a-posteriori variance factor m0^2 = v' R^-1 v / degrees_of_freedom; None without any.
@@ -112,7 +115,9 @@ def estimate(
         residuals=frozen(residuals.reshape(shape)),
         standardized=frozen(standardized.reshape(shape)),
         redundancy=frozen(cofactors.redundancy.reshape(shape)),
-        suspects=_suspects(standardized.reshape(shape[0], data.dimension)),
+        suspects=_suspects(
+            standardized.reshape(shape[0], data.dimension), None if a_priori or variance_factor is None else freedom
+        ),
         status=np.where(system.reference < 0, "anchored", "relative"),
         reference=frozen(system.reference, np.int64),
         variance_factor=variance_factor,
@@ -234,7 +239,16 @@ def _prior_variances(weight: sp.csr_array) -> FloatArray:
     return np.asarray(invert_blocks(weight).diagonal())
 
 
-def _suspects(standardized: FloatArray) -> tuple[int, ...]:
+def _suspects(standardized: FloatArray, freedom: int | None) -> tuple[int, ...]:
+    """Arcs beyond the level; with ``freedom`` the residuals were scaled by an m0 that they themselves took part in."""
     worst = np.abs(standardized).max(axis=1, initial=0.0)
-    found = np.flatnonzero(worst > SUSPECT_LEVEL)
+    if freedom is None:
+        level = float(stats.norm.isf(SUSPECT_PROBABILITY / 2.0))
+    elif freedom < 2:
+        return ()
+    else:
+        # |t| = w sqrt((f - 1) / (f - w^2)) is Student's with f - 1 degrees of freedom; solved for w.
+        t = float(stats.t.isf(SUSPECT_PROBABILITY / 2.0, freedom - 1))
+        level = t * float(np.sqrt(freedom / (freedom - 1 + t * t)))
+    found = np.flatnonzero(worst > level)
     return tuple(int(k) for k in found[np.argsort(-worst[found], kind="stable")])

@@ -17,11 +17,22 @@ def filter_riccati(A: FloatArray, C: FloatArray, process: FloatArray, measuremen
     Source: G16, equation (17) with equality, in terms of Q = P^-1.
     """
     Q: FloatArray = la.solve_continuous_are(A.T, C.T, process, measurement)
+    information = C.T @ la.solve(measurement, C)
     Q = 0.5 * (Q + Q.T)
-    closed = A - Q @ C.T @ la.solve(measurement, C)
+    closed = A - Q @ information
     if spectral_abscissa(closed) >= -_ON_THE_AXIS * float(np.abs(closed).max()):
         raise np.linalg.LinAlgError("the solution found does not stabilize: there is a mode that noise does not reach")
-    return Q
+    return _newton_step(A, information, process, Q)
+
+
+def _newton_step(A: FloatArray, information: FloatArray, process: FloatArray, Q: FloatArray) -> FloatArray:
+    """One Newton step of the Riccati equation, kept where it lowers the residual."""
+    residual = A @ Q + Q @ A.T - Q @ information @ Q + process
+    closed = A - Q @ information
+    better = Q + la.solve_continuous_lyapunov(closed, -residual)
+    better = 0.5 * (better + better.T)
+    after = A @ better + better @ A.T - better @ information @ better + process
+    return better if np.abs(after).max(initial=0.0) < np.abs(residual).max(initial=0.0) else Q
 
 
 def filter_riccati_residual(

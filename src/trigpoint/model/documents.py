@@ -82,7 +82,9 @@ def _optional(matrix: FloatArray | None) -> dict[str, Any] | None:
     return None if matrix is None else encode_array(matrix)
 
 
-def _check_head(document: Mapping[str, Any], kind: str, version: int) -> None:
+def _check_head(document: Any, kind: str, version: int) -> None:
+    if not isinstance(document, Mapping):
+        raise ProtocolError(f"a problem document is an object; got {type(document).__name__}")
     if document.get("kind") != kind or document.get("version") != version:
         raise ProtocolError(
             f"expected kind {kind!r}, version {version}; got kind {document.get('kind')!r}, "

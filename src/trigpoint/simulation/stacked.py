@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from scipy.integrate import solve_ivp
 
 from trigpoint.arrays import FloatArray, IntArray
+from trigpoint.errors import ArgumentError
 from trigpoint.linalg.blocks import expand
 from trigpoint.observers.network import DiffusiveObserver
 from trigpoint.simulation.clockwork import Tick, ticks
@@ -71,6 +72,8 @@ def _by_radau(H: sp.csr_array, constant: FloatArray, start: FloatArray, times: F
         rtol=1e-10,
         atol=1e-13 * scale,
     )
+    if not solution.success:
+        raise ArgumentError(f"the error dynamics could not be integrated over {times[-1]:g} s: {solution.message}")
     return np.asarray(solution.y.T)
 
 
