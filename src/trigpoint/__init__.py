@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "AgreementDynamics": "model",
     "ArgumentError": "errors",
     "Certificate": "certificates",
     "Channel": "simulation",
@@ -24,6 +25,7 @@ _HOME = {
     "Finding": "analysis",
     "Fixed": "methods",
     "FromGraph": "methods",
+    "HyperNetwork": "model",
     "LinearAgent": "model",
     "LocalObserver": "observers",
     "Locality": "certificates",
@@ -33,24 +35,34 @@ _HOME = {
     "NetworkObserver": "observers",
     "NetworkedAgents": "model",
     "Noise": "simulation",
+    "RelativeSensing": "model",
     "Run": "observers",
     "Scenario": "simulation",
     "ScenarioFile": "io",
+    "SharedPlant": "model",
     "SmallestEigenvalue": "certificates",
     "TrigpointError": "errors",
     "Verdict": "certificates",
     "WorstCase": "methods",
+    "agent_knowledge": "analysis",
     "certify": "certificates",
+    "critical": "analysis",
     "design": "methods",
     "diagnose": "analysis",
     "estimate": "estimation",
+    "fixed_modes": "analysis",
     "gain_bound": "analysis",
     "load": "io",
+    "measurement_nodes": "analysis",
+    "recommend_anchors": "analysis",
+    "recommend_arcs": "analysis",
+    "redundancy": "analysis",
     "reproduce": "papers",
     "save": "io",
     "simulate": "simulation",
     "smallest_eigenvalue": "analysis",
     "verify": "certificates",
+    "without_each": "analysis",
     "worst_case_eigenvalue": "analysis",
     "worst_case_gain": "analysis",
 }
@@ -66,9 +78,17 @@ if TYPE_CHECKING:
     from trigpoint.analysis import Diagnosis as Diagnosis
     from trigpoint.analysis import EigenvalueBound as EigenvalueBound
     from trigpoint.analysis import Finding as Finding
+    from trigpoint.analysis import agent_knowledge as agent_knowledge
+    from trigpoint.analysis import critical as critical
     from trigpoint.analysis import diagnose as diagnose
+    from trigpoint.analysis import fixed_modes as fixed_modes
     from trigpoint.analysis import gain_bound as gain_bound
+    from trigpoint.analysis import measurement_nodes as measurement_nodes
+    from trigpoint.analysis import recommend_anchors as recommend_anchors
+    from trigpoint.analysis import recommend_arcs as recommend_arcs
+    from trigpoint.analysis import redundancy as redundancy
     from trigpoint.analysis import smallest_eigenvalue as smallest_eigenvalue
+    from trigpoint.analysis import without_each as without_each
     from trigpoint.analysis import worst_case_eigenvalue as worst_case_eigenvalue
     from trigpoint.analysis import worst_case_gain as worst_case_gain
     from trigpoint.certificates import Certificate as Certificate
@@ -94,9 +114,13 @@ if TYPE_CHECKING:
     from trigpoint.methods import FromGraph as FromGraph
     from trigpoint.methods import WorstCase as WorstCase
     from trigpoint.methods import design as design
+    from trigpoint.model import AgreementDynamics as AgreementDynamics
+    from trigpoint.model import HyperNetwork as HyperNetwork
     from trigpoint.model import LinearAgent as LinearAgent
     from trigpoint.model import Network as Network
     from trigpoint.model import NetworkedAgents as NetworkedAgents
+    from trigpoint.model import RelativeSensing as RelativeSensing
+    from trigpoint.model import SharedPlant as SharedPlant
     from trigpoint.observers import LocalObserver as LocalObserver
     from trigpoint.observers import NetworkObserver as NetworkObserver
     from trigpoint.observers import Run as Run

@@ -164,10 +164,8 @@ def test_measured_networks_stand_for_unknown_constants() -> None:
     assert diagnose(Network(chain(2, anchors=()), [0.0])).detectable is False
 
 
-def test_agents_that_differ_and_other_things_are_refused() -> None:
-    with pytest.raises(ArgumentError, match="the agents differ"):
-        diagnose(NetworkedAgents(chain(2), [HURWITZ, DOUBLE_INTEGRATOR]))
-    with pytest.raises(
-        ArgumentError, match="diagnose takes a NetworkedAgents, a MeasurementGraph or a Network; got int"
-    ):
+def test_agents_that_differ_are_judged_together_and_other_things_are_refused() -> None:
+    mixed = NetworkedAgents(chain(2), [LinearAgent([[0.3]], [[1.0]]), LinearAgent([[0.8]], [[1.0]])])
+    assert diagnose(mixed).observable is True
+    with pytest.raises(ArgumentError, match=r"diagnose takes one of AgreementDynamics, .*, SharedPlant; got int"):
         diagnose(3)

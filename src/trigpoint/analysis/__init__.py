@@ -1,17 +1,38 @@
 """Facts about a graph or a problem, before there is any observer."""
 
+from trigpoint.analysis.agreement import MeasurementNode, measurement_nodes
+from trigpoint.analysis.contingency import Contingency, without_each
+from trigpoint.analysis.critical import Critical, critical
 from trigpoint.analysis.diagnosis import Diagnosis, Finding
 from trigpoint.analysis.eigenvalue import EigenvalueBound, smallest_eigenvalue
+from trigpoint.analysis.fixed_modes import FixedMode, fixed_modes
 from trigpoint.analysis.gain import gain_bound, worst_case_eigenvalue, worst_case_gain
+from trigpoint.analysis.recommend import Recommendation, recommend_anchors, recommend_arcs
+from trigpoint.analysis.redundancy import redundancy
+from trigpoint.analysis.shared_plant import Knowledge, agent_knowledge
 from trigpoint.analysis.verb import diagnose
 
 __all__ = [
+    "Contingency",
+    "Critical",
     "Diagnosis",
     "EigenvalueBound",
     "Finding",
+    "FixedMode",
+    "Knowledge",
+    "MeasurementNode",
+    "Recommendation",
+    "agent_knowledge",
+    "critical",
     "diagnose",
+    "fixed_modes",
     "gain_bound",
+    "measurement_nodes",
+    "recommend_anchors",
+    "recommend_arcs",
+    "redundancy",
     "smallest_eigenvalue",
+    "without_each",
     "worst_case_eigenvalue",
     "worst_case_gain",
 ]

@@ -42,7 +42,8 @@ class Diagnosis:
         detectable: does every part that cannot be known die out by itself (so that an observer exists)?
         findings: why not, and what to do.
         theorem: the result the verdict rests on.
-        margin: relative distance of (A_1, C_1) from an unobservable pair.
+        margin: relative distance from an unobservable system: of (A_1, C_1) for equal agents, of the whole otherwise;
+            NaN where structure alone decided.
     """
 
     observable: bool | None

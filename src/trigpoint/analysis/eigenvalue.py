@@ -10,8 +10,9 @@ import scipy.sparse as sp
 from trigpoint.arrays import FloatArray, IntArray, frozen
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.blocks import Blocks, block_diagonal, expand
+from trigpoint.linalg.ground_state import ground_state
 from trigpoint.linalg.sparse import factorize
-from trigpoint.linalg.spectral import smallest_eigenpair
+from trigpoint.linalg.spectral import DENSE_LIMIT, smallest_eigenpair
 from trigpoint.linalg.verified import (
     Couplings,
     collatz_wielandt_lower,
@@ -57,9 +58,10 @@ class EigenvalueBound:
 def smallest_eigenvalue(graph: MeasurementGraph) -> EigenvalueBound:
     """Smallest eigenvalue of ``L = G W G^T`` with rigorous bounds, component by component.
 
-    Dense below 500 nodes a component, shift-invert Lanczos above. The lower bound is the Collatz-Wielandt quotient
-    ``min_i (L x)_i / x_i`` of the positive solution of ``(L - s I) x = 1`` with s just below the eigenvalue; the upper
-    bound is the smaller of the quotient's maximum and the outward-rounded Rayleigh quotient summed arc by arc.
+    Dense up to 500 nodes, component by component; above, inverse iteration or Lanczos on the inverse, all from one
+    sparse factorization. The lower bound is the Collatz-Wielandt quotient ``min_i (L x)_i / x_i`` of a positive x close
+    to the solution of ``(L - s I) x = 1`` with s just below the eigenvalue; the upper bound is the smaller of the
+    quotient's maximum and the outward-rounded Rayleigh quotient summed arc by arc.
 
     We assume:
         * weights as stored in the graph (unit weights where it has none): ``lambda_min`` of a measured network is
@@ -69,13 +71,15 @@ def smallest_eigenvalue(graph: MeasurementGraph) -> EigenvalueBound:
     d x d are bounded through ``lambda_min(W_k)`` arc by arc (L is no M-matrix then), or below 1500 rows by a verified
     Cholesky factorization.
 
-    Cost: one sparse factorization of each component, twice; O(N + M) for the bounds.
+    Cost: one sparse factorization and some ten to hundred solves; O(N + M) for the bounds.
     Source: G16, Proposition 1; bounds after Barta (1937) and Collatz-Wielandt, theory 8-G1 with its caution.
     """
     unanchored = np.flatnonzero(~graph.component_is_anchored[graph.component_labels])
     if unanchored.size:
         return _floating(graph, unanchored)
     laplacian = graph.laplacian()
+    if graph.n_nodes > DENSE_LIMIT and (graph.weight is None or graph.weight.ndim == 1):
+        return _large(graph, laplacian)
     value, vector, nodes = _over_components(graph, laplacian)
     residual = float(np.linalg.norm(laplacian @ vector - value * vector))
     if graph.weight is not None and graph.weight.ndim == 3:
@@ -85,6 +89,23 @@ def smallest_eigenvalue(graph: MeasurementGraph) -> EigenvalueBound:
     value = min(max(value, lower), upper)
     return EigenvalueBound(
         value, lower, upper, residual, frozen(vector), frozen(nodes, np.int64), frozen([], np.int64), frozen(witness)
+    )
+
+
+def _large(graph: MeasurementGraph, laplacian: sp.csr_array) -> EigenvalueBound:
+    """Scalar weights and many nodes: everything from one factorization of the whole L."""
+    matrix = couplings(graph)
+    found = ground_state(matrix, laplacian)
+    label = graph.component_labels[int(np.argmax(np.abs(found.vector)))]
+    inside = graph.component_labels == label
+    vector = np.where(inside, found.vector, 0.0)
+    vector /= np.linalg.norm(vector)
+    upper = max(min(rayleigh_upper(matrix, vector), collatz_wielandt_upper(matrix, vector)), found.lower)
+    value = min(max(found.value, found.lower), upper)
+    residual = float(np.linalg.norm(laplacian @ vector - value * vector))
+    nodes, none = np.flatnonzero(inside), frozen([], np.int64)
+    return EigenvalueBound(
+        value, found.lower, upper, residual, frozen(vector), frozen(nodes, np.int64), none, found.positive
     )
 
 

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 from rich.table import Table
 
-from trigpoint.analysis import Diagnosis, EigenvalueBound, diagnose, gain_bound, smallest_eigenvalue, worst_case_gain
+from trigpoint.analysis import (
+    Critical,
+    Diagnosis,
+    EigenvalueBound,
+    agent_knowledge,
+    critical,
+    diagnose,
+    gain_bound,
+    recommend_anchors,
+    smallest_eigenvalue,
+    without_each,
+    worst_case_gain,
+)
 from trigpoint.cli.compose import Given, estimating, read
 from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, console, emit, guarded
 from trigpoint.graphs import MeasurementGraph
+from trigpoint.io import ScenarioFile, load
+from trigpoint.model import SharedPlant
 
 _VERDICT = {True: "observable", False: "unobservable", None: "undecided"}
 _CODE = {True: HOLDS, False: FAILS, None: UNDECIDED}
@@ -22,21 +37,108 @@ Weighted = Annotated[
 ]
 
 
+Recommend = Annotated[int, typer.Option("--recommend", min=0, help="Recommend this many anchors to add.")]
+WhatIf = Annotated[bool, typer.Option("--what-if", help="Lose each arc and each anchor in turn, the worst first.")]
+
+
 @guarded
-def check(file: Input, weighted: Weighted = False, as_json: Json = False) -> int:
+def check(
+    file: Input,
+    weighted: Weighted = False,
+    recommend: Recommend = 0,
+    what_if: WhatIf = False,
+    as_json: Json = False,
+) -> int:
     """Say whether every node can know its state, why not, what to add; and which gain the network needs.
 
-    Exit code 0: observable; 1: not; 3: cannot be decided at this precision.
+    Arcs and anchors that must not fail are named. Exit code 0: observable; 1: not; 3: undecided at this precision.
     """
+    plant = _plant_of(file)
+    if plant is not None:
+        return _check_plant(plant, as_json)
     given = read(file)
     graph = estimating(given, "precision").problem.graph if weighted else given.graph
     diagnosis = diagnose(given.problem)
     bound = smallest_eigenvalue(graph)
+    weak = critical(given.graph)
+    further = {"recommendation": _recommended(graph, recommend), "what_if": _losses(graph, what_if)}
     if as_json:
-        emit(facts(given.graph, diagnosis, bound))
+        emit({**facts(given.graph, diagnosis, bound), "critical": _weak_points(weak), **further})
     else:
         _show(given, diagnosis, bound)
+        console().print(f"\n{weak.summary()}")
+        if recommend:
+            console().print(f"\n{recommend_anchors(graph, recommend).summary()}")
+        if what_if:
+            console().print(f"\n{without_each(graph).summary(_SHOWN)}")
     return _CODE[diagnosis.observable]
+
+
+def _plant_of(file: Path) -> SharedPlant | None:
+    loaded = load(file) if file.suffix.lower() == ".toml" else None
+    return loaded.plant if isinstance(loaded, ScenarioFile) else None
+
+
+def _check_plant(plant: SharedPlant, as_json: bool) -> int:
+    diagnosis = diagnose(plant)
+    knowledge = agent_knowledge(plant)
+    if as_json:
+        emit(
+            {
+                "agents": len(plant.outputs),
+                "states": plant.A.shape[0],
+                "verdict": _VERDICT[diagnosis.observable],
+                "detectable": diagnosis.detectable,
+                "theorem": diagnosis.theorem,
+                "known_dimensions": [known.dimension for known in knowledge],
+                "findings": [vars(finding) | {"direction": None} for finding in diagnosis.findings],
+            }
+        )
+    else:
+        console().print(diagnosis.summary())
+    return _CODE[diagnosis.observable]
+
+
+def _weak_points(weak: Critical) -> dict[str, Any]:
+    def listed(arcs: np.ndarray, losses: np.ndarray) -> list[dict[str, Any]]:
+        return [
+            {"row": arc, "arc": weak.graph.arc_label(arc), "floating": loss}
+            for arc, loss in zip(arcs.tolist(), losses.tolist(), strict=True)
+        ]
+
+    return {
+        "arcs": listed(weak.arcs, weak.arc_losses),
+        "anchors": listed(weak.anchors, weak.anchor_losses),
+        "single_anchor_components": weak.single_anchor.tolist(),
+        "redundant_arcs": int(weak.redundant.shape[0]),
+    }
+
+
+def _recommended(graph: MeasurementGraph, count: int) -> list[dict[str, Any]] | None:
+    if not count:
+        return None
+    found = recommend_anchors(graph, count)
+    return [
+        {"node": graph.names[node], "lambda_min": value, "gain_bound": gain}
+        for node, value, gain in zip(found.nodes, found.eigenvalues.tolist(), found.gain_bounds.tolist(), strict=True)
+    ]
+
+
+def _losses(graph: MeasurementGraph, wanted: bool) -> list[dict[str, Any]] | None:
+    if not wanted:
+        return None
+    study = without_each(graph)
+    return [
+        {
+            "row": int(arc),
+            "arc": graph.arc_label(int(arc)),
+            "lambda_min": float(study.eigenvalue[k]),
+            "gain_bound": float(study.gain_bound[k]),
+            "deviation_increase": float(study.deviation_increase[k]),
+            "floating": int(study.floating[k]),
+        }
+        for k, arc in enumerate(study.arcs)
+    ]
 
 
 def facts(graph: MeasurementGraph, diagnosis: Diagnosis, bound: EigenvalueBound) -> dict[str, Any]:

@@ -38,6 +38,8 @@ def read(path: Path) -> Given:
     agent, design, simulate = None, DesignSection(), SimulateSection()
     if isinstance(loaded, ScenarioFile):
         agent, design, simulate = loaded.agent, loaded.design, loaded.simulate or simulate
+        if loaded.network is None:
+            raise FileFormatError(path, "states a [plant]; of the commands only check takes it so far")
         loaded = loaded.network
     elif isinstance(loaded, NetworkedAgents):
         return Given(path, loaded.graph, None, loaded.agent, design, simulate)

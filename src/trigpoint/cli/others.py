@@ -27,6 +27,8 @@ def convert(
     """Read a network in one format and write it in another (.csv, .tsv, .gkf, .graphml, .json)."""
     loaded = load(source)
     if isinstance(loaded, ScenarioFile):
+        if loaded.network is None:
+            raise FileFormatError(source, "states a [plant], which is no network to convert")
         loaded = loaded.network
     save(loaded, target)
     if as_json:

@@ -84,6 +84,15 @@ class AgentSection(Section):
     E: Matrix | None = None
 
 
+class PlantSection(Section):
+    """``[plant]``: one plant seen by many agents: C_i in ``outputs``, whom agent i hears in ``neighbours``."""
+
+    A: Matrix
+    outputs: list[Matrix]
+    neighbours: list[list[Annotated[int, Field(ge=0)]]]
+    B: Matrix | None = None
+
+
 class DesignSection(Section):
     """``[design]``: which observer, with which gain.
 
@@ -172,7 +181,8 @@ class ArcRow(Section):
 class Document(Section):
     """The whole file."""
 
-    network: NetworkSection
+    network: NetworkSection | None = None
+    plant: PlantSection | None = None
     agent: AgentSection | None = None
     design: DesignSection = DesignSection()
     simulate: SimulateSection | None = None
