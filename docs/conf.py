@@ -56,6 +56,9 @@ class KeyStyle(PlainStyle):  # type: ignore[misc]
 register_plugin("pybtex.style.formatting", "keys", KeyStyle)
 
 
+autodoc_type_aliases = {"ArrayLike": "ArrayLike", "FloatArray": "FloatArray", "IntArray": "IntArray"}
+
+
 def load_lazy_names() -> None:
     """Put the lazily loaded public names into their packages, where autodoc looks for them.
 

@@ -230,7 +230,7 @@ def test_watch_refuses_what_it_cannot_replay(network: Path, tmp_path: Path) -> N
     trigpoint("simulate", network, "--horizon", 1, "--out", run)
     other = written(tmp_path, "other.csv", NETWORK.replace("c", "z"))
     refused(trigpoint("watch", run, other), "other.csv", "node names differ")
-    refused(trigpoint("watch", network, network), "expected a run")
+    refused(trigpoint("watch", network, network), "expected a recorded run")
     refused(trigpoint("watch", tmp_path / "none.npz", network), "none.npz")
 
 

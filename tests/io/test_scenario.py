@@ -15,6 +15,11 @@ from trigpoint.io import load, parse_scenario, read_scenario, save
 from trigpoint.io.toml_lines import key_lines
 from trigpoint.model import Network
 
+PLANT = """[plant]
+A = [[-2, 0], [0, -3]]
+outputs = [[[1, 0]], [[0, 1]]]
+neighbours = [[1], []]
+"""
 GRID = '[network]\ngallery = {kind = "grid", rows = 2, cols = 3, anchors = [5]}\n'
 
 FULL = """\
@@ -157,8 +162,11 @@ BAD = [
     ("x = [\n", 2, "no TOML"),
     ("a = 1\na = 2\n", 2, "no TOML"),
     ("x = " + "[" * 5000, None, "TOML"),
-    ("", None, "no network"),
-    ("[agent]\n", None, "no network"),
+    ("", None, "neither of [network] [plant]"),
+    (PLANT + GRID, 1, "both of [network] [plant]"),
+    (PLANT.replace("[[1], []]", "[[1]]"), 4, "1 lists one an agent of outputs (2)"),
+    (PLANT.replace("[[1], []]", "[[2], []]"), 1, "agent 0 hears 2"),
+    (PLANT.replace("A = [[-2, 0], [0, -3]]", "A = [[-2, 0]]"), 2, "A must be square"),
     ("network = 3\n", 1, "network 3 table"),
     ("[[network]]\n", 1, "network table"),
     ("[network]\n", 1, "neither arcs nor gallery"),
@@ -296,3 +304,10 @@ def test_every_key_of_drawn_documents_has_a_line(document):
 
     text = tomlkit.dumps(document)
     assert set(paths(tomllib.loads(text), ())) <= set(key_lines(text))
+
+
+def test_a_plant_is_read():
+    plant = parse_scenario(PLANT, "plant.toml").plant
+    assert plant is not None
+    assert plant.hears == ((1,), ())
+    assert [output.tolist() for output in plant.outputs] == [[[1, 0]], [[0, 1]]]

@@ -30,9 +30,11 @@ def refused(problem, method, *words: str) -> None:
 
 # -- the verb ----------------------------------------------------------------------------------------------------------
 def test_a_method_class_is_no_method() -> None:
-    with pytest.raises(ArgumentError, match=r"one of LocalKalman; got \w+; write LocalKalman\(\)"):
+    with pytest.raises(
+        ArgumentError, match=r"one of LocalKalman; got the class LocalKalman itself; write LocalKalman\(\)"
+    ):
         design(NetworkedAgents(chain(2), STATIC), LocalKalman)
-    with pytest.raises(ArgumentError, match=r"one of LocalKalman; got str$"):
+    with pytest.raises(ArgumentError, match=r"one of LocalKalman; got 'local-kalman'; write LocalKalman\(\)"):
         design(NetworkedAgents(chain(2), STATIC), "local-kalman")
 
 

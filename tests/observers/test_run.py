@@ -101,7 +101,7 @@ def test_the_measured_rate_is_the_slope_of_the_later_half() -> None:
 
 def test_the_floor_does_not_count() -> None:
     times = np.linspace(0, 40, 401)
-    settled = np.maximum(np.exp(-2.0 * times), 1e-4)
+    settled = np.exp(-2.0 * times) + 1e-4
     assert make(times, settled).measured_decay_rate() == pytest.approx(2.0, rel=1e-9)
     rounding = np.maximum(np.exp(-2.0 * times), 1e-15)
     assert make(times, rounding).measured_decay_rate() == pytest.approx(2.0, rel=1e-4)

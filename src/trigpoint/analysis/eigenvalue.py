@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from trigpoint.arrays import FloatArray, IntArray, frozen
+from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.blocks import Blocks, block_diagonal, expand
 from trigpoint.linalg.ground_state import ground_state
@@ -74,6 +75,8 @@ def smallest_eigenvalue(graph: MeasurementGraph) -> EigenvalueBound:
     Cost: one sparse factorization and some ten to hundred solves; O(N + M) for the bounds.
     Source: G16, Proposition 1; bounds after Barta (1937) and Collatz-Wielandt, theory 8-G1 with its caution.
     """
+    if not isinstance(graph, MeasurementGraph):
+        raise ArgumentError(f"graph must be a MeasurementGraph, such as problem.graph; got {type(graph).__name__}")
     unanchored = np.flatnonzero(~graph.component_is_anchored[graph.component_labels])
     if unanchored.size:
         return _floating(graph, unanchored)

@@ -57,7 +57,7 @@ class Convergence(Claim):
             record = self._record("certified", rate, bound.lower, arrays, f"the error decays at least at {rate:.9g} /s")
             if self.verify(record, problem, observer) == "certified":
                 return record
-        text = f"no decay at {wanted:.9g} /s could be proved"
+        text = f"no decay at {wanted:.9g} /s could be proved" if wanted > 0.0 else "no decay could be proved"
         return self._record("inconclusive", wanted, bound.lower, arrays, text)
 
     def _record(

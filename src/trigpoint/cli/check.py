@@ -189,7 +189,7 @@ def gain_table(graph: MeasurementGraph, bound: EigenvalueBound) -> Table:
     table.add_row("  rigorous bounds", f"[{bound.lower:.15g}, {bound.upper:.15g}]", style="dim")
     if bound.lower > 0:
         table.add_row("gain bound 1/lambda_min", f"{gain_bound(bound):.10g}")
-    table.add_row(f"worst case for {graph.n_nodes} nodes", f"{worst_case_gain(graph.n_nodes):.10g}")
+    table.add_row(f"worst-case gain of {graph.n_nodes} nodes", f"{worst_case_gain(graph.n_nodes):.10g}")
     return table
 
 

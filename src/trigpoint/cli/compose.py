@@ -13,6 +13,8 @@ from trigpoint.io import ScenarioFile, load
 from trigpoint.io.sections import DesignSection, SimulateSection
 from trigpoint.methods import METHODS, Fixed, FromGraph, GainRule, LocalKalman, Method, WorstCase
 from trigpoint.model import LinearAgent, Network, NetworkedAgents
+from trigpoint.observers import DiffusiveObserver, LocalObserver, Run
+from trigpoint.observers.certificate import Certificate
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,25 @@ def read(path: Path) -> Given:
         return Given(path, loaded.graph, loaded, agent or LinearAgent.static(loaded.dimension), design, simulate)
     if isinstance(loaded, MeasurementGraph):
         return Given(path, loaded, None, agent or LinearAgent.static(loaded.dimension), design, simulate)
-    raise FileFormatError(path, f"holds a {type(loaded).__name__}; this command needs a network or a scenario")
+    raise FileFormatError(
+        path,
+        f"holds {kind_of(loaded)}; this command needs a network or a scenario",
+    )
+
+
+def kind_of(loaded: object) -> str:
+    """What a file holds, in plain words."""
+    words = {
+        Certificate: "a certificate",
+        DiffusiveObserver: "an observer",
+        LocalObserver: "a node file",
+        MeasurementGraph: "a network without values",
+        Network: "a network",
+        NetworkedAgents: "a problem",
+        Run: "a recorded run",
+        ScenarioFile: "a scenario",
+    }
+    return words.get(type(loaded), f"a {type(loaded).__name__}")
 
 
 def measured(given: Given) -> Network:

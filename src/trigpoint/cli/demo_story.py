@@ -167,7 +167,7 @@ def observer_lines(story: Story) -> list[tuple[str, str]]:
         ("lambda_min there", f"{story.reduced_bound.value:.6f} with unit weights, "
                              f"{observer.facts['lambda_min']:.6f} with weights 1/sigma^2 (mean 1)"),
         ("gain", f"{observer.gain:.6f} = {observer.facts['gain_rule']}"),
-        ("decay rate", f"certified {observer.decay_rate:.6f} /s ({story.certificate.verdict}), "
+        ("decay rate", f"{story.certificate.verdict} {observer.decay_rate:.6f} /s, "
                        f"measured {run.measured_decay_rate() or 0.0:.6f} /s"),
         ("time to 1 %", f"{run.time_to(one_percent) or 0.0:.3f} s, predicted {story.predicted_time(one_percent):.3f} s "
                         "from the smallest eigenvalue"),

@@ -11,7 +11,7 @@ from rich.table import Table
 from trigpoint.analysis import diagnose
 from trigpoint.arrays import digest_of
 from trigpoint.certificates import Certificate, certify, verify
-from trigpoint.cli.compose import changed, estimating, method_of, read
+from trigpoint.cli.compose import changed, estimating, kind_of, method_of, read
 from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, Out, console, emit, guarded, notice
 from trigpoint.errors import FileFormatError
 from trigpoint.io import load, parse_json, save
@@ -60,6 +60,12 @@ def design_command(
                   "certificate": {"verdict": None}, "findings": [f.text for f in diagnosis.findings]})  # fmt: skip
         return FAILS
     observer = design(part.problem, method_of(choices))
+    bound = observer.facts.get("gain_bound")
+    if isinstance(observer, DiffusiveObserver) and bound is not None and observer.gain <= bound:
+        notice(
+            f"gain {observer.gain:.6g} is not above the bound 1/lambda_min = {bound:.6g}: Theorem 4 guarantees nothing "
+            "(--gain from-graph takes a sufficient one)"
+        )
     certificate = certify(part.problem, observer) if with_certificate else None
     if out is not None:
         write_documents(out, part.problem, observer, certificate)
@@ -128,7 +134,7 @@ def certify_command(
     """Prove what an observer guarantees; --out FILE writes the certificate."""
     observer = load(file)
     if not isinstance(observer, DiffusiveObserver):
-        raise FileFormatError(file, f"holds a {type(observer).__name__}; expected an observer")
+        raise FileFormatError(file, f"holds {kind_of(observer)}; expected an observer (written by design --out)")
     certificate = certify(observer.problem, observer)
     if out is not None:
         save(certificate, out)
@@ -148,9 +154,12 @@ def verify_command(
 
     Exit code 0: certified; 1: refuted; 3: inconclusive; 2: malformed, changed, or for another observer.
     """
+    file = file / "certificate.json" if file.is_dir() else file
     certificate = load(file)
     if not isinstance(certificate, Certificate):
-        raise FileFormatError(file, f"holds a {type(certificate).__name__}; expected a certificate")
+        raise FileFormatError(
+            file, f"holds {kind_of(certificate)}; expected a certificate (written by design --certify)"
+        )
     problem = _beside(file, "problem", certificate.problem_digest, NetworkedAgents)
     observer = _beside(file, "observer", certificate.observer_digest, DiffusiveObserver)
     verdict = verify(certificate, problem, observer)

@@ -56,6 +56,7 @@ def facts(network: Network, answer: Estimate) -> dict[str, Any]:
         "variance_factor": answer.variance_factor,
         "degrees_of_freedom": answer.degrees_of_freedom,
         "sigma_kind": answer.sigma_kind,
+        "sigma_assumed": network.covariance is None,
         "unit": network.unit,
         "suspects": [
             {"row": k, "arc": network.graph.arc_label(k), "standardized": _worst(answer, k)} for k in answer.suspects
@@ -100,6 +101,8 @@ def _show(network: Network, answer: Estimate) -> None:
     out.print(
         f"\ndegrees of freedom {answer.degrees_of_freedom}, a-posteriori m0 {factor}; sigmas are {answer.sigma_kind}"
     )
+    if network.covariance is None:
+        out.print("the file has no sigma: sigma 1 is assumed for every difference, so that only ratios have a meaning")
     for k in answer.suspects:
         out.print(f"suspect: {network.graph.arc_label(k)}, standardized residual {_worst(answer, k):.2f}")
     for node in np.unique(answer.reference[answer.reference >= 0]).tolist():

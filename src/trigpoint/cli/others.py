@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from trigpoint.cli.compose import estimating, read
+from trigpoint.cli.compose import estimating, kind_of, read
 from trigpoint.cli.shell import FAILS, HOLDS, Json, Out, console, emit, guarded
 from trigpoint.dashboard import page_url, replay_app, serve
 from trigpoint.errors import FileFormatError
@@ -105,5 +105,5 @@ def watch(
 def _run(path: Path) -> Run:
     run = load(path)
     if not isinstance(run, Run):
-        raise FileFormatError(path, f"holds a {type(run).__name__}; expected a run (.npz written by simulate)")
+        raise FileFormatError(path, f"holds {kind_of(run)}; expected a recorded run (.npz written by simulate)")
     return run

@@ -18,6 +18,7 @@ from trigpoint.estimation import estimate
 from trigpoint.io import save, write_atomically
 from trigpoint.io.sections import SimulateSection
 from trigpoint.methods import design
+from trigpoint.model import Network
 from trigpoint.observers.network import NetworkObserver
 from trigpoint.observers.run import Run
 from trigpoint.report import render, run_page
@@ -57,10 +58,12 @@ def simulate_command(
             emit({"path": None, "time_to_1_percent": None, "final_error": None, "decay_rate_measured": None})
         return FAILS
     observer = design(part.problem, method_of(choices))
+    _check_ending(out)
     scenario = scenario_of(given, part, observer, _section(given.simulate, horizon, period, seed))
     run = simulate(part.problem, observer, scenario, progress=tracked("simulating"))
     if out is not None:
-        _write(out, run, given, part, observer)
+        _write(out, run, given, part)
+    _warn(given, part)
     if as_json:
         emit(facts(run, observer))
     else:
@@ -109,6 +112,31 @@ def scenario_of(
     )
 
 
+def _check_ending(out: Path | None) -> None:
+    """Refuse, before anything is computed, an ending that cannot hold a run."""
+    if out is not None and out.suffix.lower() not in (".npz", ".html"):
+        raise ArgumentError(f"{out}: expected an ending .npz (the run) or .html (a report)")
+
+
+def _warn(given: Given, part: Estimating) -> None:
+    """Say what would surprise in the numbers that follow."""
+    if part.network is None:
+        return
+    if not given.agent.is_static:
+        notice("the measured values of the file are not used: the agents move")
+        return
+    own = part.problem.graph.arc_weights
+    blocks = own[:, None, None] * np.eye(part.network.dimension) if own.ndim == 1 else own
+    covariance = 1.0 / own if part.network.values.ndim == 1 else np.linalg.inv(blocks)
+    reached = estimate(Network(part.network.graph, part.network.values, covariance), uncertainty=False)
+    gap = float(np.abs(reached.x - estimate(part.network, uncertainty=False).x).max())
+    if gap > 1e-9 * float(np.abs(reached.x).max()):
+        notice(
+            f"with these weights the nodes tend to an answer {gap:.3g} {part.network.unit} from the least-squares one; "
+            "--weights precision removes this"
+        )
+
+
 def facts(run: Run, observer: NetworkObserver) -> dict[str, Any]:
     """The JSON object of ``simulate``."""
     norm = run.error_norm
@@ -118,7 +146,7 @@ def facts(run: Run, observer: NetworkObserver) -> dict[str, Any]:
         "final_error": float(norm[-1]),
         "initial_error": float(norm[0]),
         "decay_rate_measured": run.measured_decay_rate(),
-        "decay_rate": observer.decay_rate,
+        "decay_rate": run.attributes["guaranteed_rate"],
         "spectral_abscissa": observer.spectral_abscissa,
         "horizon": float(run.times[-1]),
         "messages": int(run.messages[-1].sum()),
@@ -126,7 +154,7 @@ def facts(run: Run, observer: NetworkObserver) -> dict[str, Any]:
     }
 
 
-def _write(out: Path, run: Run, given: Given, part: Estimating, observer: NetworkObserver) -> None:
+def _write(out: Path, run: Run, given: Given, part: Estimating) -> None:
     if out.suffix.lower() == ".html":
         network = part.network
         positions = None if network is None or network.positions is None else network.positions
@@ -137,7 +165,7 @@ def _write(out: Path, run: Run, given: Given, part: Estimating, observer: Networ
             title=f"Simulation of {given.path.name}",
             graph=part.problem.graph,
             positions=positions,
-            rate=observer.decay_rate if observer.decay_rate > 0 else None,
+            rate=run.attributes["guaranteed_rate"] or None,
             unit="" if network is None else network.unit,
         )
         write_atomically(out, render(page))
@@ -151,11 +179,11 @@ def _show(run: Run, observer: NetworkObserver, given: Given, out: Path | None) -
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_row("engine", f"{run.path}, {len(run.names)} nodes, {run.times[-1]:g} s")
     table.add_row("error norm", f"{values['initial_error']:.4g}{unit} -> {values['final_error']:.4g}{unit}")
-    reached = values["time_to_1_percent"]
+    reached, sampled = values["time_to_1_percent"], run.attributes["period"] is not None
     table.add_row("time to 1 %", "not reached" if reached is None else f"{reached:.4g} s")
     measured = values["decay_rate_measured"]
-    table.add_row("decay rate", f"measured {'-' if measured is None else format(measured, '.5g')} /s, "
-                                f"guaranteed {observer.decay_rate:.5g} /s")  # fmt: skip
+    promise = f"guaranteed {observer.decay_rate:.5g} /s" + (" for continuous exchange only" if sampled else "")
+    table.add_row("decay rate", f"measured {'-' if measured is None else format(measured, '.5g')} /s, {promise}")
     if values["messages"]:
         table.add_row("messages", f"{values['messages']}")
     screen = console()

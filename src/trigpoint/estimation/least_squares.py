@@ -62,6 +62,23 @@ class Estimate:
     sigma_kind: Literal["a-posteriori", "a-priori"]
     gradient: float
 
+    def summary(self) -> str:
+        """Values and standard deviations, a line a node (the first 50), and what the residuals say."""
+        count = len(self.names)
+        x, sigma = self.x.reshape(count, -1), self.sigma.reshape(count, -1)
+        lines = [
+            f"{name}: {' '.join(f'{v:.6g}' for v in value)} +- {' '.join(f'{s:.2g}' for s in spread)} ({status})"
+            for name, value, spread, status in list(zip(self.names, x, sigma, self.status, strict=True))[:50]
+        ]
+        if count > 50:
+            lines.append(f"and {count - 50} more")
+        factor = "none" if self.variance_factor is None else f"{self.variance_factor:.6g}"
+        lines.append(f"degrees of freedom {self.degrees_of_freedom}, variance factor {factor}, sigma {self.sigma_kind}")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"Estimate({len(self.names)} nodes, {self.degrees_of_freedom} degrees of freedom, {self.sigma_kind})"
+
 
 def estimate(
     network: Network | MeasurementGraph,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +16,7 @@ from trigpoint.io.gama import parse_gama, read_gama
 from trigpoint.io.gama_writer import gama_text
 from trigpoint.io.graphml import graphml_text, parse_graphml, read_graphml
 from trigpoint.io.nodelink import nodelink_text, read_nodelink
-from trigpoint.io.text import nearest, read_bytes
+from trigpoint.io.text import read_bytes
 from trigpoint.io.xml_events import root_name
 from trigpoint.model import Network
 
@@ -51,9 +53,13 @@ def format_of(path: str | Path, formats: Mapping[str, Format]) -> Format:
     for candidate in formats.values():
         if suffix in candidate.suffixes:
             return candidate
+    if os.path.isdir(path):
+        raise FileFormatError(path, "is a folder, expected a file")
     known = [name for candidate in formats.values() for name in candidate.suffixes]
+    close = difflib.get_close_matches(suffix, known, n=1, cutoff=0.7)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
     got = f"the suffix {suffix!r}" if suffix else "a file name without a suffix"
-    raise FileFormatError(path, f"got {got}, expected one of {', '.join(known)}{nearest(suffix, known)}")
+    raise FileFormatError(path, f"got {got}, expected one of {', '.join(known)}{hint}")
 
 
 def _measured(write: Callable[[Network], str]) -> Callable[[Any], str]:

@@ -33,13 +33,15 @@ def read_run(path: str | Path) -> Run:
     except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, FileFormatError):
             raise
-        raise FileFormatError(path, f"is not a recorded run (.npz written by simulate): {error}") from error
+        raise FileFormatError(path, "is not a recorded run (.npz written by simulate), or is damaged") from error
 
 
 def run_bytes(run: Any) -> bytes:
     """The bytes of a run's file."""
     if not isinstance(run, Run):
-        raise ArgumentError(f"got a {type(run).__name__}, expected a Run to save as .npz")
+        raise ArgumentError(
+            f".npz holds recorded runs; got a {type(run).__name__} (networks are saved as .csv, .json, .graphml, .gkf)"
+        )
     header = {
         "kind": _KIND,
         "version": _VERSION,

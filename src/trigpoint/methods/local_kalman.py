@@ -15,7 +15,7 @@ from trigpoint.analysis.eigenvalue import EigenvalueBound
 from trigpoint.analysis.modes import computed_abscissa, guaranteed_rate
 from trigpoint.analysis.pairs import pair_margin
 from trigpoint.arrays import FloatArray, as_matrix, frozen
-from trigpoint.errors import MethodError
+from trigpoint.errors import ArgumentError, MethodError
 from trigpoint.linalg.equations import filter_riccati, filter_riccati_residual
 from trigpoint.methods.base import Method
 from trigpoint.methods.gains import FromGraph, GainChoice, GainRule
@@ -66,6 +66,11 @@ class LocalKalman(Method):
         measurement: ArrayLike | None = None,
         P: ArrayLike | None = None,
     ) -> None:
+        if gain is not None and not isinstance(gain, GainRule):
+            hint = f"write Fixed({gain})" if isinstance(gain, (int, float)) else "write FromGraph(), with parentheses"
+            raise ArgumentError(
+                f"gain must be FromGraph(), WorstCase(max_nodes), Family(graphs) or Fixed(gamma); got {gain!r}; {hint}"
+            )
         object.__setattr__(self, "gain", FromGraph() if gain is None else gain)
         object.__setattr__(self, "process", None if process is None else as_matrix("process", process))
         object.__setattr__(self, "measurement", None if measurement is None else as_matrix("measurement", measurement))

@@ -25,6 +25,8 @@ def design(problem: Any, method: Any) -> NetworkObserver:
     """
     if not isinstance(method, Method):
         known = ", ".join(kind.__name__ for kind in METHODS)
-        hint = f"; write {method.__name__}()" if isinstance(method, type) and issubclass(method, Method) else ""
-        raise ArgumentError(f"method must be one of {known}; got {type(method).__name__}{hint}")
+        got = f"the class {method.__name__} itself" if isinstance(method, type) else repr(method)
+        named = next((kind for kind in METHODS if method in (kind, kind.label)), None)
+        hint = f"; write {named.__name__}()" if named is not None else ""
+        raise ArgumentError(f"method must be one of {known}; got {got}{hint}")
     return method.build(problem)

@@ -94,6 +94,10 @@ class Network:
         """Number d of values in one measurement."""
         return _width(self.values)
 
+    def __repr__(self) -> str:
+        exact = int(self.exact.sum())
+        return f"Network({self.graph!r}, {self.dimension} numbers an arc, {exact} exact, {len(self.known)} known marks)"
+
     def known_values(self) -> dict[int, FloatArray]:
         """Value (d,) of each known mark, by node."""
         table = self.values.reshape(self.graph.n_arcs, -1)

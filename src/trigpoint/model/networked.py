@@ -35,6 +35,11 @@ class NetworkedAgents:
     agents: tuple[LinearAgent, ...]
 
     def __init__(self, graph: MeasurementGraph, agents: LinearAgent | Sequence[LinearAgent]) -> None:
+        if not isinstance(graph, MeasurementGraph):
+            raise ArgumentError(
+                f"graph must be a MeasurementGraph; got {type(graph).__name__} (of networkx: "
+                "MeasurementGraph.from_networkx(graph, anchors=[...]))"
+            )
         each = (agents,) * graph.n_nodes if isinstance(agents, LinearAgent) else tuple(agents)
         if len(each) != graph.n_nodes:
             raise ShapeError(f"agents must be one agent or one a node ({graph.n_nodes}); got {len(each)}")
@@ -74,6 +79,10 @@ class NetworkedAgents:
     def states(self) -> Blocks:
         """Index ranges of the stacked state of a homogeneous network, node-major."""
         return Blocks(self.graph.n_nodes, self.agent.n_states)
+
+    def __repr__(self) -> str:
+        kind = f"{self.agents[0]!r}" if self.is_homogeneous else "agents that differ"
+        return f"NetworkedAgents({self.graph!r}, {kind})"
 
     def stacked_dynamics(self) -> sp.csr_array:
         """``A = I (x) A_1``, or the block diagonal of the agents' A: sparse (sum n_i, sum n_i)."""

@@ -52,7 +52,8 @@ class NetworkObserver(ABC):
     Attributes:
         method: name of the method that designed it.
         graph: who hears whom; an arc is heard by both its ends.
-        decay_rate: guaranteed rate a: ``|e(t)| <= c e^{-a t}``, 1/s; not positive when nothing is guaranteed.
+        decay_rate: guaranteed rate a: ``|e(t)| <= c e^{-a t}``, 1/s. Not positive: no decay is
+            guaranteed, only that the error grows no faster than that.
         spectral_abscissa: computed largest real part of the error spectrum, None where it was not computed.
         facts: further numbers and sentences of the design, for reports.
     """

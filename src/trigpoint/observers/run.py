@@ -50,6 +50,12 @@ class Run:
             if table.shape[:2] != expected:
                 raise ShapeError(f"{name} must begin with the shape (T, N) = {expected}; got {table.shape}")
 
+    def __repr__(self) -> str:
+        count, nodes, states = self.truth.shape
+        norm = self.error_norm
+        span = f", error {norm[0]:.4g} -> {norm[-1]:.4g}" if count else ""
+        return f"Run({count} times, {nodes} nodes, {states} states, {self.path}{span})"
+
     @property
     def error(self) -> FloatArray:
         """Estimate minus truth, (T, N, n)."""
@@ -86,14 +92,18 @@ class Run:
     def measured_decay_rate(self) -> float | None:
         """Slope of -log(error norm), 1/s, over the later half of the samples that are clear of the floor.
 
-        The floor is rounding, or ten times the last value where the run has settled (noise, or readings that
-        contradict each other, leave an error that does not decay). None where fewer than three samples are left.
+        Where the error has settled at a value that is not zero (readings that contradict each other, noise), the
+        distance from that value is taken. None where fewer than three samples are left.
         """
         norm = self.error_norm
         scale = np.abs(self.truth).max(initial=0.0) * np.sqrt(self.truth[0].size) + norm.max(initial=0.0)
-        usable = np.flatnonzero(norm > max(1e-11 * scale, 10.0 * norm[-1]))
-        if usable.shape[0] < 6:
-            usable = np.flatnonzero(norm > 1e-11 * scale)
+        floor = 1e-11 * scale
+        tail = max(1, norm.shape[0] // 10)
+        if norm.shape[0] >= 20 and floor < norm[-tail] <= 1.05 * norm[-1] and norm[-1] <= 0.1 * norm[0]:
+            rest = self.error - self.error[-tail:].mean(axis=0)
+            norm = np.sqrt((rest**2).sum(axis=(1, 2)))
+            floor = max(floor, 1e-4 * norm[0], 10.0 * float(np.median(norm[-tail:])))
+        usable = np.flatnonzero(norm > floor)
         usable = usable[usable.shape[0] // 2 :]
         if usable.shape[0] < 3 or np.ptp(self.times[usable]) == 0.0:
             return None

@@ -103,6 +103,13 @@ class Scenario:
             raise ArgumentError(f"period must be a positive number of seconds; got {period}")
         if path not in _PATHS:
             raise ArgumentError(f"path must be one of {', '.join(_PATHS)}; got {path!r}")
+        if not (noise is None or isinstance(noise, Noise)) or not (channel is None or isinstance(channel, Channel)):
+            raise ArgumentError(
+                "noise must be a Noise(measurement=..., process=...) and channel a Channel(loss=...); "
+                f"got {noise!r} and {channel!r}"
+            )
+        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+            raise ArgumentError(f"seed must be a whole number of at least 0; got {seed!r}")
         if period is None and (noise is not None or channel is not None):
             raise ArgumentError("noise and loss belong to sampled exchange: give a period")
         object.__setattr__(self, "times", instants)
@@ -117,3 +124,7 @@ class Scenario:
         )
         object.__setattr__(self, "seed", int(seed))
         object.__setattr__(self, "path", path)
+
+    def __repr__(self) -> str:
+        exchange = "continuous exchange" if self.period is None else f"exchange every {self.period:g} s"
+        return f"Scenario({self.times.shape[0]} times to {self.times[-1]:g} s, {exchange}, seed {self.seed})"

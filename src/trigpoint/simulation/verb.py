@@ -44,6 +44,11 @@ def simulate(
     Raises:
         ArgumentError, ShapeError: the scenario does not fit the problem; noise between exchanges is asked for.
     """
+    if not isinstance(problem, NetworkedAgents) or not isinstance(scenario, Scenario):
+        raise ArgumentError(
+            "simulate takes a NetworkedAgents problem, its observer and a Scenario(times, ...); got "
+            f"{type(problem).__name__}, {type(observer).__name__}, {type(scenario).__name__}"
+        )
     if not isinstance(observer, DiffusiveObserver):
         raise ArgumentError(f"simulate runs observers made by design(); got {type(observer).__name__}")
     if observer.graph.n_nodes != problem.graph.n_nodes or observer.graph.n_arcs != problem.graph.n_arcs:
@@ -113,7 +118,8 @@ def _attributes(observer: DiffusiveObserver, scenario: Scenario) -> dict[str, An
     return {
         "method": observer.method,
         "gain": observer.gain,
-        "guaranteed_rate": observer.decay_rate,
+        # The guarantee speaks of continuous exchange: a sampled or noisy run carries none.
+        "guaranteed_rate": observer.decay_rate if scenario.period is None else None,
         "period": scenario.period,
         "seed": scenario.seed,
         "noise_measurement": 0.0 if noise is None else noise.measurement,
