@@ -51,7 +51,7 @@ class AgreementDynamics:
 
     @property
     def n_states(self) -> int:
-        """Number N of states: one a node."""
+        """Number N of states, one a node."""
         return self.graph.n_nodes
 
     def laplacian(self) -> sp.csr_array:

@@ -56,7 +56,7 @@ class RelativeSensing:
 
     @property
     def n_states(self) -> int:
-        """Number n of states: one a node."""
+        """Number n of states, one a node."""
         return self.graph.n_nodes
 
     @property
