@@ -99,7 +99,7 @@ def test_verify_takes_the_folder_and_wrong_kinds_are_in_plain_words(tmp_path):
     assert "belongs to an earlier design" in again.stderr
     assert "is a folder, expected a file" in run("check", tmp_path).stderr
     assert ".npz holds recorded runs" in run("convert", EXAMPLES / "levelling.csv", tmp_path / "a.npz").stderr
-    assert "expected an ending .npz" in run("simulate", EXAMPLES / "levelling.csv", "--out", tmp_path / "r.csv").stderr
+    assert "ending in .npz or .html" in run("simulate", EXAMPLES / "levelling.csv", "--out", tmp_path / "r.csv").stderr
 
 
 def test_check_names_what_must_not_fail_and_what_to_add():
@@ -122,3 +122,22 @@ def test_a_plant_is_checked_and_not_simulated():
     converted = run("convert", EXAMPLES / "thermal_pair.toml", "plant.csv")
     assert converted.exit_code == 2
     assert "no network to convert" in converted.stderr
+
+
+def test_outputs_have_the_ending_of_what_they_hold(tmp_path):
+    network = EXAMPLES / "levelling.csv"
+    assert "ending in .csv" in run("estimate", network, "--out", tmp_path / "x.json").stderr
+    assert run("simulate", network, "--out", tmp_path / "r.npz").exit_code == 0
+    assert "ending in .html" in run("report", tmp_path / "r.npz", "--out", tmp_path / "zz").stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
+
+
+def test_a_margin_beside_a_given_gain_is_refused():
+    said = run("design", EXAMPLES / "oscillators.toml", "--gain", "20", "--margin", "2")
+    assert said.exit_code == 2
+    assert "a given gain is taken as it is" in said.stderr
+
+
+def test_help_is_wrapped_to_the_terminal():
+    text = run("simulate", "--help").stdout
+    assert "least-squares answer" in " ".join(text.split())

@@ -5,17 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.linalg import SuperLU
 
 from trigpoint.arrays import FloatArray, IntArray, frozen
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.graphs.bridges import bridges
 from trigpoint.linalg.blocks import Blocks
-from trigpoint.linalg.selected_inverse import SelectedInverse, selected_inverse
+from trigpoint.linalg.selected_inverse import entries_of_inverse
 from trigpoint.linalg.sparse import Factorization, factorize
-
-_BY_SOLVES = 1500
-_CHUNK_ENTRIES = 20_000_000
 
 
 def redundancy(graph: MeasurementGraph) -> FloatArray:
@@ -63,21 +59,18 @@ class InverseEntries:
     blocks: Blocks
     position: IntArray
     factor: Factorization | None
-    selected: SelectedInverse | None
 
     @staticmethod
     def of(graph: MeasurementGraph) -> InverseEntries:
-        """Factor the Laplacian of ``graph``; above 1500 unknowns also its selected inverse."""
+        """Factor the Laplacian of ``graph`` on its free nodes."""
         blocks = Blocks(graph.n_nodes, graph.dimension)
         free = free_nodes(graph)
         position = np.full(graph.n_nodes + 1, -1, dtype=np.int64)
         position[free] = np.arange(free.shape[0])
         if not free.size:
-            return InverseEntries(blocks, position, None, None)
+            return InverseEntries(blocks, position, None)
         rows = blocks.positions(free)
-        factor = factorize(graph.laplacian()[rows][:, rows])
-        wanted = rows.shape[0] > _BY_SOLVES and isinstance(factor, SuperLU)
-        return InverseEntries(blocks, position, factor, selected_inverse(factor) if wanted else None)
+        return InverseEntries(blocks, position, factorize(graph.laplacian()[rows][:, rows]))
 
     def at(self, first: IntArray, second: IntArray, pairs: list[tuple[int, int]]) -> FloatArray:
         """Blocks of the inverse at node pairs (node -1: the environment), (len(first), len(pairs))."""
@@ -90,9 +83,7 @@ class InverseEntries:
         column_blocks = self.blocks.positions(b[inner]).reshape(-1, self.blocks.size)
         rows = np.concatenate([row_blocks[:, p] for p, _ in pairs])
         columns = np.concatenate([column_blocks[:, q] for _, q in pairs])
-        found = None if self.selected is None else self.selected.entries(rows, columns)
-        if found is None:
-            found = _by_solves(self.factor, rows, columns, int(self.position.max() + 1) * self.blocks.size)
+        found = entries_of_inverse(self.factor, int(self.position.max() + 1) * self.blocks.size, rows, columns)
         result[inner] = found.reshape(len(pairs), -1).T
         return result
 
@@ -105,17 +96,3 @@ def free_nodes(graph: MeasurementGraph) -> IntArray:
     free[first[~graph.component_is_anchored]] = False
     found: IntArray = np.flatnonzero(free)
     return found
-
-
-def _by_solves(factor: Factorization, rows: IntArray, columns: IntArray, count: int) -> FloatArray:
-    entries = np.zeros(rows.shape[0])
-    order = np.argsort(columns, kind="stable")
-    width = max(1, _CHUNK_ENTRIES // count)
-    for start in range(0, count, width):
-        stop = min(start + width, count)
-        unit = np.zeros((count, stop - start))
-        unit[np.arange(start, stop), np.arange(stop - start)] = 1.0
-        block = factor.solve(unit)
-        here = order[slice(*np.searchsorted(columns[order], [start, stop]))]
-        entries[here] = block[rows[here], columns[here] - start]
-    return entries

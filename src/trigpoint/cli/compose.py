@@ -140,6 +140,8 @@ def changed(design: DesignSection, **options: object) -> DesignSection:
     given = {key: value for key, value in options.items() if value is not None}
     if "gain" in given:
         given["gain"] = _number_or_word(str(given["gain"]))
+        if isinstance(given["gain"], float) and "margin" in given:
+            raise ArgumentError("--margin belongs to --gain from-graph or worst-case; a given gain is taken as it is")
     try:
         return DesignSection.model_validate({**design.model_dump(exclude_none=True), **given})
     except ValueError as error:

@@ -107,7 +107,7 @@ def _show(observer: NetworkObserver, certificate: Certificate | None, marks: int
     screen = console()
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_row("method", observer.method)
-    table.add_row("estimating nodes", f"{observer.graph.n_nodes}" + (f" ({marks} known marks)" if marks else ""))
+    table.add_row("estimating nodes", f"{observer.graph.n_nodes}" + (f" ({marks} known)" if marks else ""))
     if isinstance(observer, DiffusiveObserver):
         table.add_row("gain", f"{observer.gain:.10g}  ({observer.facts.get('gain_rule', 'given')})")
     rate = f"{observer.decay_rate:.6g} /s" if observer.decay_rate > 0 else "none (no decay is guaranteed)"
@@ -138,6 +138,7 @@ def certify_command(
     certificate = certify(observer.problem, observer)
     if out is not None:
         save(certificate, out)
+        notice(f"written to {out}; verify looks for problem.json and observer.json beside it")
     if as_json:
         emit({"verdict": certificate.verdict, "claims": _claims(certificate)})
     else:

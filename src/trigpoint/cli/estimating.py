@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from trigpoint.cli.compose import measured, read
-from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, guarded
+from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, ending, guarded
 from trigpoint.estimation import Estimate, estimate
 from trigpoint.io import write_atomically
 from trigpoint.model import Network
@@ -31,6 +31,7 @@ def estimate_command(
     --out writes a CSV table of the nodes. Exit code 1: some component has no absolute reading (its values are relative
     to its first node).
     """
+    ending(out, ".csv")
     network = measured(read(file))
     answer = estimate(network, a_priori=a_priori)
     if out is not None:

@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from trigpoint.cli.compose import estimating, kind_of, read
-from trigpoint.cli.shell import FAILS, HOLDS, Json, Out, console, emit, guarded
+from trigpoint.cli.shell import FAILS, HOLDS, Json, Out, console, emit, ending, guarded
 from trigpoint.dashboard import page_url, replay_app, serve
 from trigpoint.errors import FileFormatError
 from trigpoint.io import ScenarioFile, load, save, write_atomically
@@ -70,6 +70,7 @@ def report(
     as_json: Json = False,
 ) -> int:
     """Write the report of a recorded run: one HTML file, beside the run unless --out names another place."""
+    ending(out, ".html")
     run = _run(file)
     target = file.with_suffix(".html") if out is None else out
     rate = run.attributes.get("guaranteed_rate")

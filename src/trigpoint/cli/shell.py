@@ -17,7 +17,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from trigpoint.errors import TrigpointError
+from trigpoint.errors import ArgumentError, TrigpointError
 
 HOLDS, FAILS, MISUSE, UNDECIDED = 0, 1, 2, 3
 
@@ -51,7 +51,16 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
         else:
             raise typer.Exit(code)
 
+    # Help texts are wrapped to the terminal, not where the source was.
+    run.__doc__ = "\n\n".join(" ".join(part.split()) for part in (command.__doc__ or "").split("\n\n"))
     return run
+
+
+def ending(out: Path | None, *allowed: str) -> None:
+    """Refuse an output name with another ending, before anything is computed."""
+    special = out is not None and out.exists() and not out.is_file() and not out.is_dir()  # a device takes anything
+    if out is not None and not special and out.suffix.lower() not in allowed:
+        raise ArgumentError(f"{out}: expected a file name ending in {' or '.join(allowed)}")
 
 
 def _replace_unprintable() -> None:

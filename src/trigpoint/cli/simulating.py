@@ -12,7 +12,7 @@ from rich.table import Table
 from trigpoint.analysis import diagnose
 from trigpoint.cli.compose import Estimating, Given, changed, estimating, instants, method_of, read
 from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Weights
-from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, guarded, notice, tracked
+from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, ending, guarded, notice, tracked
 from trigpoint.errors import ArgumentError
 from trigpoint.estimation import estimate
 from trigpoint.io import save, write_atomically
@@ -58,7 +58,7 @@ def simulate_command(
             emit({"path": None, "time_to_1_percent": None, "final_error": None, "decay_rate_measured": None})
         return FAILS
     observer = design(part.problem, method_of(choices))
-    _check_ending(out)
+    ending(out, ".npz", ".html")
     scenario = scenario_of(given, part, observer, _section(given.simulate, horizon, period, seed))
     run = simulate(part.problem, observer, scenario, progress=tracked("simulating"))
     if out is not None:
@@ -110,12 +110,6 @@ def scenario_of(
         seed=section.seed,
         path=section.path,
     )
-
-
-def _check_ending(out: Path | None) -> None:
-    """Refuse, before anything is computed, an ending that cannot hold a run."""
-    if out is not None and out.suffix.lower() not in (".npz", ".html"):
-        raise ArgumentError(f"{out}: expected an ending .npz (the run) or .html (a report)")
 
 
 def _warn(given: Given, part: Estimating) -> None:

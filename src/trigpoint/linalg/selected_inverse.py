@@ -9,6 +9,11 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from trigpoint.arrays import FloatArray, IntArray
+from trigpoint.linalg.sparse import Factorization
+
+_CHUNK_ENTRIES = 20_000_000
+_BY_SOLVES = 1500
+"""Up to this many unknowns, solving for all columns is faster than selected inversion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +31,6 @@ class SelectedInverse:
     rows: IntArray
     below: FloatArray
 
-    def diagonal(self) -> FloatArray:
-        """Diagonal of the inverse, (n,), in the order of the matrix."""
-        return self.below[self.start[:-1]][self.place]
-
     def entries(self, first: IntArray, second: IntArray) -> FloatArray | None:
         """``(A^-1)[first[k], second[k]]`` for positions in the pattern; None when one of them is not."""
         a, b = self.place[first], self.place[second]
@@ -39,6 +40,36 @@ class SelectedInverse:
         wanted = column * n + row
         found = np.minimum(np.searchsorted(keys, wanted), keys.shape[0] - 1)
         return self.below[found] if np.array_equal(keys[found], wanted) else None
+
+
+def entries_of_inverse(factor: Factorization, count: int, rows: IntArray, columns: IntArray) -> FloatArray:
+    """``(A^-1)[rows[k], columns[k]]`` of a factored matrix with ``count`` rows.
+
+    Above 1500 rows by selected inversion, where the entries lie in the pattern of the factor; else by solving for the
+    needed columns in chunks of 20 million numbers.
+    """
+    if count > _BY_SOLVES and isinstance(factor, SuperLU):
+        inverse = selected_inverse(factor)
+        found = None if inverse is None else inverse.entries(rows, columns)
+        if found is not None:
+            return found
+    return _by_solves(factor, count, rows, columns)
+
+
+def _by_solves(factor: Factorization, count: int, rows: IntArray, columns: IntArray) -> FloatArray:
+    entries = np.zeros(rows.shape[0])
+    order = np.argsort(columns, kind="stable")
+    width = max(1, _CHUNK_ENTRIES // max(count, 1))
+    for start in range(0, count, width):
+        stop = min(start + width, count)
+        here = order[slice(*np.searchsorted(columns[order], [start, stop]))]
+        if not here.size:
+            continue
+        unit = np.zeros((count, stop - start))
+        unit[np.arange(start, stop), np.arange(stop - start)] = 1.0
+        block = factor.solve(unit)
+        entries[here] = block[rows[here], columns[here] - start]
+    return entries
 
 
 def selected_inverse(factor: SuperLU) -> SelectedInverse | None:

@@ -46,7 +46,7 @@ def test_a_ring_shares_one_surplus_measurement() -> None:
 def test_selected_inversion_gives_the_same(monkeypatch) -> None:
     graph = grid(12, 11, anchors=(5, 131)).with_weight(np.linspace(0.5, 2.0, 12 * 10 + 11 * 11 + 2))
     plain = redundancy(graph)
-    module = importlib.import_module("trigpoint.analysis.redundancy")  # the package may export the function
+    module = importlib.import_module("trigpoint.linalg.selected_inverse")
     monkeypatch.setattr(module, "_BY_SOLVES", 0)
     assert redundancy(graph) == pytest.approx(plain, abs=1e-12)
     diagonal = np.repeat(np.eye(2)[None], graph.n_arcs, axis=0)
