@@ -110,14 +110,14 @@ def _preorder(order: IntArray, parent: IntArray) -> tuple[IntArray, IntArray]:
     up = position[parent[order[1:]]]  # ascending: breadth-first search finishes one parent before the next
     children = np.arange(1, count)
     tree = sp.coo_array((-np.ones(count - 1), (up, children)), shape=(count, count))
-    system = sp.csc_array(tree + sp.eye_array(count))
+    system = sp.csr_array(tree + sp.eye_array(count))
     size = spsolve_triangular(system, np.ones(count), lower=False, unit_diagonal=True)
     # A child comes after its parent and after the subtrees of its elder siblings, which stand next to each other.
     before = np.concatenate([[0.0], np.cumsum(size[1:])])
     is_eldest = np.concatenate([[True], up[1:] != up[:-1]])
     eldest = np.maximum.accumulate(np.where(is_eldest, np.arange(count - 1), 0))
     step = np.concatenate([[0.0], 1.0 + before[:-1] - before[eldest]])
-    number = spsolve_triangular(sp.csc_array(system.T), step, lower=True, unit_diagonal=True)
+    number = spsolve_triangular(sp.csr_array(system.T), step, lower=True, unit_diagonal=True)
     place, sizes = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     place[order], sizes[order] = number.astype(np.int64), size.astype(np.int64)
     return place, sizes
