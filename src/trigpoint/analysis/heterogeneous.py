@@ -18,6 +18,7 @@ from trigpoint.analysis.large_pairs import large_pair_margin
 from trigpoint.analysis.pairs import PairMargin, pair_margin
 from trigpoint.analysis.staircase import unobservable_basis
 from trigpoint.arrays import IntArray
+from trigpoint.linalg.blocks import diagonal_of
 from trigpoint.model.hyper_network import HyperNetwork
 
 _SMALL, _WHOLE = 24, 400
@@ -142,7 +143,7 @@ def _joined(problem: HyperNetwork, pieces: list[Piece], C: sp.csc_array) -> list
 def _group(pieces: list[Piece], triplets: Any, shape: tuple[int, int]) -> _Group:
     T = [piece.T for piece in pieces]
     if shape[1] > _SMALL:
-        return _Group(tuple(pieces), sp.csc_array(sp.block_diag(T)), sp.csc_array(triplets, shape=shape))
+        return _Group(tuple(pieces), sp.csc_array(diagonal_of(T)), sp.csc_array(triplets, shape=shape))
     C = np.zeros(shape)
     C[triplets[1]] = triplets[0]
     return _Group(tuple(pieces), la.block_diag(*T), C)

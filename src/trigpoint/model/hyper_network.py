@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from trigpoint.arrays import FloatArray, IntArray, as_floats, as_matrix, frozen
 from trigpoint.errors import ArgumentError, ShapeError
+from trigpoint.linalg.blocks import diagonal_of
 from trigpoint.model.agents import LinearAgent
 from trigpoint.model.networked import NetworkedAgents
 
@@ -81,7 +82,7 @@ class HyperNetwork:
 
     def stacked_dynamics(self) -> sp.csr_array:
         """``A = blockdiag(A_i)``: sparse (sum n_i, sum n_i)."""
-        return sp.csr_array(sp.block_diag([agent.A for agent in self.agents]))
+        return diagonal_of(agent.A for agent in self.agents)
 
     def stacked_output(self) -> sp.csr_array:
         """C with the block ``C_jk`` in block row j and block column k: sparse (sum p_j, sum n_i)."""
