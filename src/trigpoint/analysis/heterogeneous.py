@@ -75,7 +75,7 @@ def diagnose_heterogeneous(problem: HyperNetwork) -> Diagnosis:
     """
     C = _scaled_output(problem)
     pieces = invariant_pieces([agent.A for agent in problem.agents])
-    verdicts = [_decided(group) for group in _joined(problem, pieces, C)]
+    verdicts = [_decided(problem, group) for group in _joined(problem, pieces, C)]
     observable = _all_of([v.seen.verdict for v in verdicts])
     detectable = _all_of([v.lasting.verdict if v.lasting else True for v in verdicts])
     whole = _whole_pair(problem, C, pieces)
@@ -174,18 +174,19 @@ def _labels(rows: IntArray, owner: IntArray, cluster: IntArray) -> IntArray:
 
 
 # -- one part ----------------------------------------------------------------------------------------------------------
-def _decided(group: _Group) -> _Verdict:
-    seen = _margin(group.T, group.C, group.pieces, unstable_only=False)
+def _decided(problem: HyperNetwork, group: _Group) -> _Verdict:
+    size = max(float(np.linalg.norm(problem.agents[piece.node].A, 2)) for piece in group.pieces)
+    seen = _margin(group.T, group.C, group.pieces, unstable_only=False, size=size)
     if seen.verdict is True or not any(piece.is_unstable for piece in group.pieces):
         return _Verdict(group, seen, None)
-    return _Verdict(group, seen, _margin(group.T, group.C, group.pieces, unstable_only=True))
+    return _Verdict(group, seen, _margin(group.T, group.C, group.pieces, unstable_only=True, size=size))
 
 
-def _margin(A: _Matrix, C: _Matrix, pieces: Sequence[Piece], *, unstable_only: bool) -> PairMargin:
+def _margin(A: _Matrix, C: _Matrix, pieces: Sequence[Piece], *, unstable_only: bool, size: float = 0.0) -> PairMargin:
     if A.shape[0] > _SMALL:
         return large_pair_margin(A, C, candidate_modes(pieces), unstable_only=unstable_only)
     rows = np.asarray(np.linalg.qr(C, mode="r")) if C.shape[0] > C.shape[1] else C
-    return pair_margin(A, rows, unstable_only=unstable_only)
+    return pair_margin(A, rows, unstable_only=unstable_only, size=size)
 
 
 def _whole_pair(problem: HyperNetwork, C: sp.csc_array, pieces: list[Piece]) -> bool | None:

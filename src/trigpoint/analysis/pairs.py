@@ -33,11 +33,14 @@ class PairMargin:
     verdict: bool | None
 
 
-def pair_margin(A: FloatArray, C: FloatArray, *, unstable_only: bool = False) -> PairMargin:
+def pair_margin(A: FloatArray, C: FloatArray, *, unstable_only: bool = False, size: float = 0.0) -> PairMargin:
     """Decide observability (or detectability, with ``unstable_only``) of a small pair by the refined PBH margin.
 
     The value of sigma_min at a computed eigenvalue misleads inside Jordan blocks, since the eigenvalue itself is only
     known to eps^(1/size); so it is minimized over complex s near each computed eigenvalue.
+
+    The margin is relative to the norm of (A, C), or to ``size`` where that is larger: a part cut out of a larger system
+    carries that system's rounding errors, and may itself be all rounding.
 
     We assume:
         * A is (n, n), C is (p, n), n small (dense SVDs are taken).
@@ -45,7 +48,7 @@ def pair_margin(A: FloatArray, C: FloatArray, *, unstable_only: bool = False) ->
     Verdict: True above 1e-9 relative, False below 1e-12, None between. Cost O(n^4).
     Source: R23, Theorem 6 with s complex (E-001-1); theory 001-05.
     """
-    size = float(np.linalg.norm(np.vstack([A, C]), 2)) or 1.0
+    size = max(float(np.linalg.norm(np.vstack([A, C]), 2)), size) or 1.0
     best = PairMargin(np.inf, 0j, np.zeros(A.shape[0], dtype=complex), True)
     for eigenvalue in np.linalg.eigvals(A):
         s, value = _refined(A, C, complex(eigenvalue), size)

@@ -276,3 +276,9 @@ def test_two_thousand_agents_that_all_share_a_double_mode(anchored) -> None:
     found = diagnose_heterogeneous(HyperNetwork.of_networked(NetworkedAgents(arcs, masses(count, 1))))
     assert found.observable is anchored
     assert found.detectable is anchored
+
+
+def test_a_part_that_is_all_rounding_is_not_called_seen() -> None:
+    """The mode 0 of this agent is (1, -1), which the output does not see; what is left of it is rounding."""
+    problem = HyperNetwork([np.array([[2.0, 2.0], [1.0, 1.0]])], [{0: np.array([[-1.0, -1.0]])}])
+    assert diagnose_heterogeneous(problem).observable is False
