@@ -77,8 +77,15 @@ def test_values_that_moving_agents_cannot_use_are_mentioned(tmp_path):
 def test_a_gain_below_the_bound_is_advised_against():
     said = run("design", EXAMPLES / "oscillators.toml", "--gain", "0.5", "--certify")
     assert said.exit_code == 3
-    assert "gain 0.5 is not above the bound 1/lambda_min = 14.1594" in said.stderr
+    assert "no decay is guaranteed at gain 0.5; every gain above 1/lambda_min = 14.1594" in said.stderr
     assert "no decay could be proved" in said.stdout
+
+
+def test_constants_need_no_gain_above_the_bound():
+    """G16, Proposition 6: any positive gain serves them, so that nothing is advised against."""
+    said = run("design", EXAMPLES / "levelling.csv", "--gain", "0.1", "--certify")
+    assert said.exit_code == 0
+    assert "guaranteed" not in said.stderr
 
 
 def test_assumed_sigmas_are_said(tmp_path):

@@ -61,10 +61,10 @@ def design_command(
         return FAILS
     observer = design(part.problem, method_of(choices))
     bound = observer.facts.get("gain_bound")
-    if isinstance(observer, DiffusiveObserver) and bound is not None and observer.gain <= bound:
+    if isinstance(observer, DiffusiveObserver) and bound is not None and observer.decay_rate <= 0.0:
         notice(
-            f"gain {observer.gain:.6g} is not above the bound 1/lambda_min = {bound:.6g}: Theorem 4 guarantees nothing "
-            "(--gain from-graph takes a sufficient one)"
+            f"no decay is guaranteed at gain {observer.gain:.6g}; every gain above 1/lambda_min = {bound:.6g} suffices "
+            "(Theorem 4; --gain from-graph takes one)"
         )
     certificate = certify(part.problem, observer) if with_certificate else None
     if out is not None:

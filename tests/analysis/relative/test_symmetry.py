@@ -80,7 +80,10 @@ def test_the_fallback_finds_the_same_orbits() -> None:
 
 @pytest.mark.usefixtures("without_igraph")
 def test_the_fallback_on_two_hundred_nodes_and_the_refusal_above() -> None:
-    assert find_symmetry(cycle(100), [0]) is not None
+    found = find_symmetry(cycle(100), [0])
+    assert found is not None
+    assert found.is_mirror
+    assert found.generator[0] == 0
     with pytest.raises(MissingExtraError, match=r"more than 200 nodes .*trigpoint\[symmetry\]"):
         find_symmetry(cycle(301), [0])
     assert find_symmetry(chain(301), [0]) is None  # the colour refinement alone decides
