@@ -93,13 +93,13 @@ def test_a_node_file_knows_its_own_arcs_only() -> None:
         ((), None, "no node file"),
         ((), [], "no node file"),
         (("kind",), "trigpoint/problem", "no node file"),
-        (("version",), 2, "version 2 is unknown; this reads 1"),
+        (("version",), 3, "version 3 is unknown; this reads 2"),
         (("version",), "1", "version '1' is unknown"),
         (("name",), 7, "'name'"),
         (("arcs",), {}, "list 'arcs'"),
         (("arcs", 0), 5, r"arcs\[0\] must be an object"),
-        (("arcs", 0, "label"), 1.5, r"arcs\[0\] needs a whole number 'label'"),
-        (("arcs", 0, "label"), True, r"arcs\[0\] needs a whole number 'label'"),
+        (("arcs", 0, "label"), 1.5, r"arcs\[0\] needs a whole number or null 'label'"),
+        (("arcs", 0, "label"), True, r"arcs\[0\] needs a whole number or null 'label'"),
         (("arcs", 1, "neighbour"), 3, r"arcs\[1\] needs .*'neighbour'"),
         (("arcs", 0, "sign"), 0.5, "'sign' of 1 or -1"),
         (("arcs", 0, "sign"), None, "'sign' of 1 or -1"),
@@ -121,6 +121,16 @@ def test_a_node_file_knows_its_own_arcs_only() -> None:
         (("A", "base64"), "!!!", "A is not base64"),
         (("B",), encode_array(np.zeros((2, 2))), r"B must have shape \(3, any\); got \(2, 2\)"),
         (("B",), 3, "B must be an object"),
+        (("arcs", 0, "more"), {}, "'more' must be a list of pairs"),
+        (("arcs", 0, "more"), [["b"]], "'more' must be a list of pairs"),
+        (("arcs", 0, "more"), [[3, encode_array(np.zeros((2, 2)))]], "'more' must pair names with matrices"),
+        (("arcs", 0, "more"), [["b", encode_array(np.zeros((1, 2)))]], r"more must have shape \(2, any\)"),
+        (("readout",), encode_array(np.zeros((2, 2))), r"readout must have shape \(any, 3\)"),
+        (("feedthrough",), None, "'feedthrough' must be a list of pairs"),
+        (("feedthrough",), [["0", encode_array(np.zeros((3, 2)))]], "'feedthrough' must pair labels with matrices"),
+        (("feedthrough",), [[0, encode_array(np.zeros((2, 2)))]], r"feedthrough must have shape \(3, any\)"),
+        (("exchange",), "sometimes", "exchange must be one of held, euler"),
+        (("acceleration",), 1.5, "acceleration must be null or a number between 0 and 1"),
     ],
 )
 def test_malformed_node_files_are_named(path, value, words) -> None:
@@ -244,7 +254,7 @@ def test_no_change_of_an_observer_document_escapes_as_another_error(path, value)
 
 def test_other_observers_have_no_document_yet() -> None:
     class Other(NetworkObserver):
-        error_matrix = local = general_form = verify_design_equations = None
+        names = error_matrix = local = general_form = verify_design_equations = None
 
     with pytest.raises(ProtocolError, match="no document form for Other"):
         observer_document(Other())

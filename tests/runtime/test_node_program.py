@@ -116,7 +116,8 @@ def test_a_node_file_holds_the_whole_program(tmp_path: Path) -> None:
     write_node_file(LOCAL, path)
     again = read_node_file(path)
     assert again.to_document() == LOCAL.to_document()
-    assert set(json.loads(path.read_text(encoding="utf-8"))) == {"kind", "version", "name", "A", "B", "arcs"}
+    known = {"kind", "version", "name", "A", "B", "arcs", "readout", "feedthrough", "exchange", "acceleration"}
+    assert set(json.loads(path.read_text(encoding="utf-8"))) == known
 
 
 def test_a_node_file_names_nobody_but_the_neighbours(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from trigpoint.arrays import FloatArray
 from trigpoint.errors import ProtocolError
-from trigpoint.model import NetworkedAgents
+from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import NetworkObserver
 
@@ -22,13 +22,18 @@ class Claim(ABC):
 
     name: ClassVar[str]
 
+    @staticmethod
+    def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004 (most claims concern every observer)
+        """True where the claim speaks of such an ``observer`` at all."""
+        return True
+
     @abstractmethod
-    def check(self, problem: NetworkedAgents, observer: NetworkObserver) -> ClaimRecord:
+    def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
         """State the claim for this observer, with its witness and verdict."""
 
     @staticmethod
     @abstractmethod
-    def verify(record: ClaimRecord, problem: NetworkedAgents, observer: NetworkObserver) -> Outcome:
+    def verify(record: ClaimRecord, problem: Problem, observer: NetworkObserver) -> Outcome:
         """Decide again, from the witness alone."""
 
 

@@ -11,10 +11,11 @@ import scipy.linalg as la
 from trigpoint.analysis.eigenvalue import smallest_eigenvalue
 from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
 from trigpoint.arrays import FloatArray
+from trigpoint.certificates import programs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.linalg.verified import down, gam, is_positive_definite, up
-from trigpoint.model import NetworkedAgents
+from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
@@ -32,7 +33,8 @@ class Convergence(Claim):
     With ``V = e' (I (x) P) e`` mode k contributes ``F(g) = P (A - g K C) + (A - g K C)' P + 2 rate P`` at
     ``g = gain lambda_k``. F is affine in g, so that ``F < 0`` at both ends of ``[gain l, gain u]`` proves it for every
     eigenvalue in ``[l, u]``: l is proved by a positive vector, u by the degrees. Networks with weight blocks are
-    proved as a whole up to 600 states.
+    proved as a whole up to 600 states, and so are observers given by programs: ``P H + H' P + 2 rate P < 0`` for
+    the assembled error matrix H, after a proof that the truth does not drive the error.
 
     Args:
         rate: the rate to prove, 1/s; the design's guaranteed rate, less a hair for rounding, unless given.
@@ -43,8 +45,10 @@ class Convergence(Claim):
     rate: float | None = None
     name: ClassVar[str] = "convergence"
 
-    def check(self, problem: NetworkedAgents, observer: NetworkObserver) -> ClaimRecord:
+    def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
         """Choose P = Q^-1 from the design's facts and prove the rate, or fall short of it by up to one part in 1e3."""
+        if isinstance(observer, AssembledObserver):
+            return self._check_programs(observer)
         if not isinstance(observer, DiffusiveObserver):
             return self._record("inconclusive", 0.0, 0.0, {}, "not an observer of equal agents")
         bound = smallest_eigenvalue(observer.graph)
@@ -60,14 +64,29 @@ class Convergence(Claim):
         text = f"no decay at {wanted:.9g} /s could be proved" if wanted > 0.0 else "no decay could be proved"
         return self._record("inconclusive", wanted, bound.lower, arrays, text)
 
+    def _check_programs(self, observer: AssembledObserver) -> ClaimRecord:
+        """A Lyapunov matrix of the assembled error matrix (theory 8-G5)."""
+        if observer.states.total > programs.DENSE_LIMIT or not _is_continuous(observer):
+            reason = "a sampled observer" if not _is_continuous(observer) else f"{observer.states.total} states"
+            return self._record("inconclusive", 0.0, 0.0, {}, f"no decay could be proved: {reason}")
+        if not programs.error_is_autonomous(observer):
+            return self._record("inconclusive", 0.0, 0.0, {}, "no decay could be proved: the truth may drive the error")
+        found = programs.lyapunov_rate(*programs.error_magnitude(observer), self.rate)
+        if found is None:
+            return self._record("inconclusive", self.rate or 0.0, 0.0, {}, "no decay could be proved")
+        rate, P = found
+        return self._record("certified", rate, 0.0, {"P": P}, f"the error decays at least at {rate:.9g} /s")
+
     def _record(
         self, verdict: Outcome, rate: float, floor: float, arrays: dict[str, FloatArray], text: str
     ) -> ClaimRecord:
         return ClaimRecord(self.name, verdict, {"rate": rate, "lambda_floor": floor}, _ASSUMPTIONS, text, arrays)
 
     @staticmethod
-    def verify(record: ClaimRecord, problem: NetworkedAgents, observer: NetworkObserver) -> Outcome:  # noqa: ARG004
+    def verify(record: ClaimRecord, problem: Problem, observer: NetworkObserver) -> Outcome:  # noqa: ARG004
         """Prove the inequality again from P and x alone."""
+        if isinstance(observer, AssembledObserver):
+            return _verify_programs(record, observer)
         if not isinstance(observer, DiffusiveObserver):
             return "inconclusive"
         n, graph = observer.agent.n_states, observer.graph
@@ -84,6 +103,20 @@ class Convergence(Claim):
         high = up(observer.gain * largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
         certified = all(_mode_decreases(observer, P, rate, g) for g in (low, high))
         return "certified" if certified else "inconclusive"
+
+
+def _is_continuous(observer: AssembledObserver) -> bool:
+    return observer.period is None and not observer.is_discrete
+
+
+def _verify_programs(record: ClaimRecord, observer: AssembledObserver) -> Outcome:
+    total, rate = observer.states.total, number(record, "rate")
+    if total > programs.DENSE_LIMIT or not _is_continuous(observer) or not rate > 0.0 or "P" not in record.witness:
+        return "inconclusive"
+    P = witness(record, "P", (total, total))
+    proved = programs.error_is_autonomous(observer) and is_positive_definite(P)
+    proved = proved and programs.decreases(P, *programs.error_magnitude(observer), rate)
+    return "certified" if proved else "inconclusive"
 
 
 def _lyapunov_matrix(observer: DiffusiveObserver) -> FloatArray:

@@ -11,9 +11,9 @@ from trigpoint.analysis.eigenvalue import couplings, smallest_eigenvalue
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.verified import collatz_wielandt_lower, collatz_wielandt_upper, rayleigh_upper
-from trigpoint.model import NetworkedAgents
+from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
-from trigpoint.observers.network import NetworkObserver
+from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
 _ASSUMPTIONS = ("the arcs and weights are those of the observer's document",)
 
@@ -28,8 +28,16 @@ class SmallestEigenvalue(Claim):
 
     name: ClassVar[str] = "smallest-eigenvalue"
 
-    def check(self, problem: NetworkedAgents, observer: NetworkObserver) -> ClaimRecord:
+    @staticmethod
+    def concerns(observer: NetworkObserver) -> bool:
+        """Observers with one gain for all arcs: only they rest on the eigenvalue."""
+        return isinstance(observer, DiffusiveObserver)
+
+    def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
         """Compute the bounds and keep their witnesses."""
+        if not isinstance(observer, DiffusiveObserver):
+            numbers = {"lower": 0.0, "upper": 0.0}
+            return ClaimRecord(self.name, "inconclusive", numbers, _ASSUMPTIONS, "not an observer of equal agents", {})
         graph = observer.graph
         bound = smallest_eigenvalue(graph)
         if bound.unanchored.size:
@@ -49,8 +57,10 @@ class SmallestEigenvalue(Claim):
         return ClaimRecord(self.name, verdict, record.numbers, _ASSUMPTIONS, text, arrays)
 
     @staticmethod
-    def verify(record: ClaimRecord, problem: NetworkedAgents, observer: NetworkObserver) -> Outcome:  # noqa: ARG004
+    def verify(record: ClaimRecord, problem: Problem, observer: NetworkObserver) -> Outcome:  # noqa: ARG004
         """Evaluate both quotients again, rounding outwards."""
+        if not isinstance(observer, DiffusiveObserver):
+            return "inconclusive"
         graph = observer.graph
         lower, upper = number(record, "lower"), number(record, "upper")
         if not graph.is_externally_connected:

@@ -11,8 +11,8 @@ from trigpoint.certificates.convergence import Convergence
 from trigpoint.certificates.locality import Locality
 from trigpoint.certificates.smallest_eigenvalue import SmallestEigenvalue
 from trigpoint.errors import ArgumentError, ProtocolError
-from trigpoint.model import NetworkedAgents
 from trigpoint.model.documents import problem_document
+from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import Certificate, Outcome
 from trigpoint.observers.documents import observer_document
 from trigpoint.observers.network import NetworkObserver
@@ -32,8 +32,8 @@ class Verdict:
         return "\n".join(f"{outcome}: {name}" for name, outcome in self.claims)
 
 
-def certify(problem: NetworkedAgents, observer: NetworkObserver, claims: Sequence[Claim] | None = None) -> Certificate:
-    """Prove claims about ``observer``; all of ``CLAIMS`` unless ``claims`` names some.
+def certify(problem: Problem, observer: NetworkObserver, claims: Sequence[Claim] | None = None) -> Certificate:
+    """Prove claims about ``observer``; all of ``CLAIMS`` that concern it unless ``claims`` names some.
 
     Args:
         problem: what is estimated.
@@ -44,13 +44,13 @@ def certify(problem: NetworkedAgents, observer: NetworkObserver, claims: Sequenc
         ArgumentError: the observer belongs to another problem.
     """
     problem_text, observer_text = _digests(problem, observer)
-    chosen = [kind() for kind in CLAIMS] if claims is None else list(claims)
+    chosen = [kind() for kind in CLAIMS if kind.concerns(observer)] if claims is None else list(claims)
     if not chosen:
         raise ArgumentError("claims must hold at least one claim")
     return Certificate(problem_text, observer_text, tuple(claim.check(problem, observer) for claim in chosen))
 
 
-def verify(certificate: Certificate, problem: NetworkedAgents, observer: NetworkObserver) -> Verdict:
+def verify(certificate: Certificate, problem: Problem, observer: NetworkObserver) -> Verdict:
     """Check every claim of ``certificate`` again, from its witness alone.
 
     Args:
@@ -79,7 +79,7 @@ def verify(certificate: Certificate, problem: NetworkedAgents, observer: Network
     return Verdict(worst, tuple(outcomes))
 
 
-def _digests(problem: NetworkedAgents, observer: NetworkObserver) -> tuple[str, str]:
+def _digests(problem: Problem, observer: NetworkObserver) -> tuple[str, str]:
     document = observer_document(observer)
     problem_digest = digest_of(problem_document(problem))
     if digest_of(document["problem"]) != problem_digest:

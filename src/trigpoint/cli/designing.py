@@ -97,7 +97,7 @@ def facts(observer: NetworkObserver, certificate: Certificate | None) -> dict[st
         "gain": observer.gain if isinstance(observer, DiffusiveObserver) else None,
         "decay_rate": observer.decay_rate,
         "spectral_abscissa": observer.spectral_abscissa,
-        "nodes": observer.graph.n_nodes,
+        "nodes": len(observer.names),
         "facts": known,
         "certificate": {"verdict": None if certificate is None else certificate.verdict},
     }
@@ -107,14 +107,14 @@ def _show(observer: NetworkObserver, certificate: Certificate | None, marks: int
     screen = console()
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_row("method", observer.method)
-    table.add_row("estimating nodes", f"{observer.graph.n_nodes}" + (f" ({marks} known)" if marks else ""))
+    table.add_row("estimating nodes", f"{len(observer.names)}" + (f" ({marks} known)" if marks else ""))
     if isinstance(observer, DiffusiveObserver):
         table.add_row("gain", f"{observer.gain:.10g}  ({observer.facts.get('gain_rule', 'given')})")
     rate = f"{observer.decay_rate:.6g} /s" if observer.decay_rate > 0 else "none (no decay is guaranteed)"
     table.add_row("guaranteed decay rate", rate)
     if observer.spectral_abscissa is not None:
         table.add_row("computed spectral abscissa", f"{observer.spectral_abscissa:.6g} /s")
-    residuals = observer.verify_design_equations() if observer.graph.n_nodes <= 2000 else None
+    residuals = observer.verify_design_equations() if len(observer.names) <= 2000 else None
     if residuals is not None:
         table.add_row("design equations", f"residuals {residuals.dynamics:.1e}, {residuals.output:.1e}")
     screen.print(table)

@@ -6,9 +6,10 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from trigpoint.model import NetworkedAgents
+from trigpoint.model import HyperNetwork, NetworkedAgents, SharedPlant
 from trigpoint.model.documents import KIND as PROBLEM
 from trigpoint.model.documents import problem_document, read_problem
+from trigpoint.observers.assembled import AssembledObserver
 from trigpoint.observers.certificate import KIND as CERTIFICATE
 from trigpoint.observers.certificate import Certificate, certificate_document, read_certificate
 from trigpoint.observers.documents import KIND as OBSERVER
@@ -31,9 +32,12 @@ def _as_text(document: Mapping[str, Any]) -> str:
 
 
 WRITERS: Mapping[type, Callable[[Any], str]] = {
+    AssembledObserver: lambda value: _as_text(observer_document(value)),
     Certificate: lambda value: _as_text(certificate_document(value)),
     DiffusiveObserver: lambda value: _as_text(observer_document(value)),
+    HyperNetwork: lambda value: _as_text(problem_document(value)),
     LocalObserver: lambda value: _as_text(value.to_document()),
     NetworkedAgents: lambda value: _as_text(problem_document(value)),
+    SharedPlant: lambda value: _as_text(problem_document(value)),
 }
 """Writers of objects to JSON text by exact type."""

@@ -68,3 +68,40 @@ def diagonal_of(blocks: Iterable[Any]) -> sp.csr_array:
 def expand(matrix: sp.sparray, size: int) -> sp.csr_array:
     """``matrix (x) I_size``: every entry becomes a multiple of the identity (node-major)."""
     return sp.csr_array(matrix) if size == 1 else sp.csr_array(sp.kron(matrix, sp.eye_array(size)))
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """A stacked vector of blocks of any sizes, block after block; ``starts`` has one entry more than there are."""
+
+    starts: tuple[int, ...]
+
+    @staticmethod
+    def of(sizes: Iterable[int]) -> Ranges:
+        """Ranges of blocks of these ``sizes``."""
+        starts = [0]
+        for size in sizes:
+            starts.append(starts[-1] + int(size))
+        return Ranges(tuple(starts))
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return len(self.starts) - 1
+
+    @property
+    def total(self) -> int:
+        """Length of the stacked vector."""
+        return self.starts[-1]
+
+    def start(self, block: int) -> int:
+        """Position of the first entry of one block."""
+        return self.starts[block]
+
+    def size(self, block: int) -> int:
+        """Number of entries of one block."""
+        return self.starts[block + 1] - self.starts[block]
+
+    def slice(self, block: int) -> slice:
+        """Positions of one block in the stacked vector."""
+        return slice(self.starts[block], self.starts[block + 1])

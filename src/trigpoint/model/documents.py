@@ -11,14 +11,48 @@ from trigpoint.arrays import FloatArray, as_indices, decode_array, encode_array
 from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.model.agents import LinearAgent
+from trigpoint.model.hyper_network import HyperNetwork
 from trigpoint.model.networked import NetworkedAgents
+from trigpoint.model.shared_plant import SharedPlant
 
 KIND = "trigpoint/problem"
 VERSION = 1
 
 
-def problem_document(problem: NetworkedAgents) -> dict[str, Any]:
+Problem = NetworkedAgents | HyperNetwork | SharedPlant
+
+
+def problem_document(problem: Problem) -> dict[str, Any]:
     """The problem as a JSON object; equal agents are written once."""
+    head = {"kind": KIND, "version": VERSION}
+    if isinstance(problem, SharedPlant):
+        return head | _plant_document(problem)
+    if isinstance(problem, HyperNetwork):
+        return head | _hyper_document(problem)
+    return head | _network_document(problem)
+
+
+def _plant_document(problem: SharedPlant) -> dict[str, Any]:
+    return {
+        "form": "shared-plant",
+        "A": encode_array(problem.A),
+        "B": _optional(problem.B),
+        "outputs": [encode_array(output) for output in problem.outputs],
+        "neighbours": [list(heard) for heard in problem.hears],
+    }
+
+
+def _hyper_document(problem: HyperNetwork) -> dict[str, Any]:
+    measurements = [[[node, encode_array(block)] for node, block in blocks.items()] for blocks in problem.measurements]
+    return {
+        "form": "hyper-network",
+        "agents": [_agent_document(agent) for agent in problem.agents],
+        "measurements": measurements,
+        "names": list(problem.names),
+    }
+
+
+def _network_document(problem: NetworkedAgents) -> dict[str, Any]:
     distinct: list[LinearAgent] = []
     which = []
     for agent in problem.agents:
@@ -27,23 +61,45 @@ def problem_document(problem: NetworkedAgents) -> dict[str, Any]:
             distinct.append(agent)
         which.append(position)
     return {
-        "kind": KIND,
-        "version": VERSION,
         "graph": graph_document(problem.graph),
         "agents": [_agent_document(agent) for agent in distinct],
         "agent_of_node": encode_array(np.array(which)),
     }
 
 
-def read_problem(document: Mapping[str, Any]) -> NetworkedAgents:
+def read_problem(document: Mapping[str, Any]) -> Problem:
     """Read ``problem_document``; what does not fit is a ``ProtocolError``."""
     _check_head(document, KIND, VERSION)
+    form = document.get("form", "network")
     try:
+        if form == "shared-plant":
+            return _read_plant(document)
+        if form == "hyper-network":
+            return _read_hyper(document)
+        if form != "network":
+            raise ProtocolError(f"unknown form of problem {form!r}; known are network, shared-plant, hyper-network")
         agents = [_read_agent(entry) for entry in document["agents"]]
         which = as_indices("agent_of_node", decode_array(document["agent_of_node"], "agent_of_node"), 0, len(agents))
         return NetworkedAgents(read_graph(document["graph"]), [agents[k] for k in which.tolist()])
-    except (KeyError, IndexError, TypeError, ArgumentError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, ArgumentError) as error:
+        if isinstance(error, ProtocolError):
+            raise
         raise ProtocolError(f"the problem document does not fit: {error}") from error
+
+
+def _read_plant(document: Mapping[str, Any]) -> SharedPlant:
+    outputs = [decode_array(entry, f"outputs[{k}]") for k, entry in enumerate(document["outputs"])]
+    B = None if document["B"] is None else decode_array(document["B"], "B")
+    neighbours = dict(enumerate(document["neighbours"]))
+    return SharedPlant(decode_array(document["A"], "A"), outputs, neighbours, B)
+
+
+def _read_hyper(document: Mapping[str, Any]) -> HyperNetwork:
+    measurements = [
+        {node: decode_array(block, f"measurements[{j}]") for node, block in blocks}
+        for j, blocks in enumerate(document["measurements"])
+    ]
+    return HyperNetwork([_read_agent(entry) for entry in document["agents"]], measurements, document["names"])
 
 
 def graph_document(graph: MeasurementGraph) -> dict[str, Any]:

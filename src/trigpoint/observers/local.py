@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -15,35 +15,50 @@ from trigpoint.arrays import FloatArray, as_matrix, decode_array, encode_array, 
 from trigpoint.errors import ArgumentError, ProtocolError
 
 KIND = "trigpoint/local-observer"
-VERSION = 1
+VERSION = 2
+
+Exchange = Literal["held", "euler", "innovation-held", "discrete"]
+EXCHANGES: tuple[str, ...] = get_args(Exchange)
+"""What ``step`` makes of a period; ``LocalObserver`` says what each means."""
 
 
 @dataclass(frozen=True, eq=False)
 class LocalArc:
     """One arc as the node at one of its ends sees it.
 
-    The arc corrects the node's estimate by ``gain @ (sign * y + neighbour_output @ z_neighbour - output @ z_own)``.
+    The arc corrects the node's value by ``gain @ (sign * y + neighbour_output @ z_neighbour - output @ z_own)``; a
+    measurement of more than two nodes adds ``rows @ z`` for each pair in ``more``.
 
     Attributes:
-        label: the arc's number in the network: the key of its reading y.
+        label: the measurement's number in the network: the key of its reading y; None where no reading belongs to the
+            arc, which then couples the node to what its neighbour says.
         neighbour: name of the other end; None for the environment (then there is no ``z_neighbour``).
         sign: +1 where the node is the arc's head, -1 where it is the tail.
         gain: (n, p) correction gain, 1/s, the arc's weight included.
         output: (p, n) own output rows.
         neighbour_output: (p, n_j) the neighbour's output rows; None for the environment.
+        more: further neighbours of a measurement on more than two nodes, each with its (p, n_k) rows.
     """
 
-    label: int
+    label: int | None
     neighbour: str | None
     sign: float
     gain: FloatArray
     output: FloatArray
     neighbour_output: FloatArray | None
+    more: tuple[tuple[str, FloatArray], ...] = ()
+
+    @property
+    def heard(self) -> tuple[tuple[str, FloatArray], ...]:
+        """Everybody whose message the arc uses, each with the rows that it is multiplied by."""
+        if self.neighbour is None or self.neighbour_output is None:
+            return self.more
+        return ((self.neighbour, self.neighbour_output), *self.more)
 
 
 @dataclass(frozen=True, eq=False)
 class Message:
-    """What ``sender`` tells its neighbours: its ``estimate`` (n,), the ``time`` [s] it is for, and its ``sequence``."""
+    """What ``sender`` tells its neighbours: its ``estimate`` z (n,), the ``time`` it is for, and its ``sequence``."""
 
     sender: str
     sequence: int
@@ -69,16 +84,26 @@ class LocalObserver:
         A: (n, n) own dynamics.
         B: (n, m) known input, or None.
         arcs: the node's arcs.
+        readout: (q, n) with ``estimate = readout z``; None where z is the estimate.
+        feedthrough: pairs (label, (q, p) matrix): readings that enter the estimate directly.
+        exchange: what one step of h seconds does. ``held``: the neighbours' values and the readings are held, the own
+            value moves on exactly; ``innovation-held``: the whole innovation is held; ``euler``: one explicit Euler
+            step; ``discrete``: ``z+ = A z + B u + sum of the corrections``, whatever h.
+        acceleration: rho of the Chebyshev semi-iteration, ``discrete`` only; None for none.
 
     A missing message or reading is normal: that arc is left out of the step, as if it were not there.
 
-    Source: G16, equation (3) with the gain (9); R23 (7); W17 (3) and (10), one arc a neighbour.
+    Source: G16, equation (3) with the gain (9); R23 (7); W17 (3), (4) and (10), one arc a neighbour.
     """
 
     name: str
     A: FloatArray
     B: FloatArray | None
     arcs: tuple[LocalArc, ...]
+    readout: FloatArray | None = None
+    feedthrough: tuple[tuple[int, FloatArray], ...] = ()
+    exchange: Exchange = "held"
+    acceleration: float | None = None
     _memo: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
@@ -89,7 +114,13 @@ class LocalObserver:
     @property
     def hears(self) -> tuple[str, ...]:
         """Names of the neighbours whose messages are used, each once, in the order of the arcs."""
-        return tuple(dict.fromkeys(arc.neighbour for arc in self.arcs if arc.neighbour is not None))
+        return tuple(dict.fromkeys(name for arc in self.arcs for name, _ in arc.heard))
+
+    @property
+    def reads(self) -> tuple[int, ...]:
+        """Labels of the readings that are used, each once, in the order of the arcs."""
+        labels = [arc.label for arc in self.arcs if arc.label is not None]
+        return tuple(dict.fromkeys([*labels, *(label for label, _ in self.feedthrough)]))
 
     def init(self, estimate: FloatArray | None = None, time: float = 0.0) -> LocalState:
         """First state, from a guess (n,) or from zero."""
@@ -98,9 +129,16 @@ class LocalObserver:
             raise ArgumentError(f"estimate of node {self.name!r} must have shape ({self.n_states},); got {start.shape}")
         return LocalState(time, 0, frozen(start))
 
-    def estimate(self, state: LocalState) -> FloatArray:
-        """The node's estimate of its own state, (n,)."""
-        return state.estimate
+    def estimate(self, state: LocalState, readings: Mapping[int, FloatArray] | None = None) -> FloatArray:
+        """The node's estimate (q,): ``readout z``, plus what ``feedthrough`` takes from ``readings``.
+
+        NaN where a reading that it needs is missing.
+        """
+        value = state.estimate if self.readout is None else self.readout @ state.estimate
+        for label, matrix in self.feedthrough:
+            reading = None if readings is None else readings.get(label)
+            value = value + (np.full(matrix.shape[0], np.nan) if reading is None else matrix @ reading)
+        return value
 
     def emit(self, state: LocalState) -> Message:
         """The message to every neighbour."""
@@ -125,16 +163,18 @@ class LocalObserver:
         duration: float,
         u: FloatArray | None = None,
     ) -> LocalState:
-        """The state ``duration`` seconds later, neighbours' values and readings held meanwhile.
+        """The state ``duration`` seconds later, after one exchange.
 
-        The own value is integrated exactly: ``z+ = e^{A h} z + int e^{A s} ds B u + Phi sum_k gain_k r_k`` with the
-        innovations r_k at the start and ``Phi = int_0^h exp((A - sum gain C) s) ds``, so that the own correction is
-        felt at once. For static states this is stable for every period.
+        ``held``, the default: neighbours' values and readings are held, and the own value is integrated exactly,
+        ``z+ = e^{A h} z + int e^{A s} ds B u + Phi sum_k gain_k r_k`` with the innovations r_k at the start and
+        ``Phi = int_0^h exp((A - sum gain C) s) ds``, so that the own correction is felt at once. For static states
+        this is stable for every period. ``innovation-held`` has ``Phi = int e^{A s} ds``, ``euler`` and ``discrete``
+        the maps that their names say.
 
         We assume:
             * ``inbox`` holds each neighbour's latest message; messages of strangers are ignored.
 
-        Source: theory 6-F2 (neighbour-held sampling), extended to moving agents.
+        Source: theory 6-F2 (neighbour-held sampling), extended to moving agents; 6-F1, 6-F7.
         """
         correction, heard = self._correction(state.estimate, inbox, readings)
         transition, drive, phi = self._maps(heard, float(duration))
@@ -156,15 +196,9 @@ class LocalObserver:
         total = np.zeros(self.n_states)
         heard = []
         for position, arc in enumerate(self.arcs):
-            reading = readings.get(arc.label)
-            if reading is None:
+            innovation = _innovation(arc, own, inbox, readings)
+            if innovation is None:
                 continue
-            innovation = arc.sign * reading - arc.output @ own
-            if arc.neighbour is not None:
-                message = inbox.get(arc.neighbour)
-                if message is None or arc.neighbour_output is None:
-                    continue
-                innovation = innovation + arc.neighbour_output @ message.estimate
             total += arc.gain @ innovation
             heard.append(position)
         return total, tuple(heard)
@@ -175,12 +209,25 @@ class LocalObserver:
         if key not in self._memo:
             if len(self._memo) > 256:
                 self._memo.clear()
-            closed = self.A - sum((self.arcs[k].gain @ self.arcs[k].output for k in heard), np.zeros_like(self.A))
-            transition, drive = transition_and_integral(self.A, duration)
-            _, phi = transition_and_integral(closed, duration)
-            self._memo[key] = (transition, drive, phi)
+            self._memo[key] = self._new_maps(heard, duration)
         maps: tuple[FloatArray, FloatArray, FloatArray] = self._memo[key]
         return maps
+
+    def maps(self, duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``(T, D, Phi)`` of ``z+ = T z + D B u + Phi correction`` over ``duration`` [s] when everybody is heard."""
+        return self._maps(tuple(range(len(self.arcs))), float(duration))
+
+    def _new_maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        identity = np.eye(self.n_states)
+        if self.exchange == "discrete":
+            return self.A, identity, identity
+        if self.exchange == "euler":
+            return identity + duration * self.A, duration * identity, duration * identity
+        transition, drive = transition_and_integral(self.A, duration)
+        if self.exchange == "innovation-held":
+            return transition, drive, drive
+        closed = self.A - sum((self.arcs[k].gain @ self.arcs[k].output for k in heard), np.zeros_like(self.A))
+        return transition, drive, transition_and_integral(closed, duration)[1]
 
     # -- the node file ---------------------------------------------------------------------------------------------
     def to_document(self) -> dict[str, Any]:
@@ -199,9 +246,14 @@ class LocalObserver:
                     "gain": encode_array(arc.gain),
                     "output": encode_array(arc.output),
                     "neighbour_output": None if arc.neighbour_output is None else encode_array(arc.neighbour_output),
+                    "more": [[name, encode_array(rows)] for name, rows in arc.more],
                 }
                 for arc in self.arcs
             ],
+            "readout": None if self.readout is None else encode_array(self.readout),
+            "feedthrough": [[label, encode_array(matrix)] for label, matrix in self.feedthrough],
+            "exchange": self.exchange,
+            "acceleration": self.acceleration,
         }
 
     @staticmethod
@@ -219,7 +271,32 @@ class LocalObserver:
         if A.shape[1] != n or n == 0:
             raise ProtocolError(f"A must be square with at least one row; got {A.shape}")
         B = None if document.get("B") is None else _matrix(document, "B", n, None)
-        return LocalObserver(name, A, B, tuple(_read_arcs(arcs, n)))
+        readout = None if document.get("readout") is None else _matrix(document, "readout", None, n)
+        exchange, acceleration = document.get("exchange"), document.get("acceleration")
+        if exchange not in EXCHANGES:
+            raise ProtocolError(f"exchange must be one of {', '.join(EXCHANGES)}; got {exchange!r}")
+        if acceleration is not None and not (type(acceleration) is float and 0.0 < acceleration < 1.0):
+            raise ProtocolError(f"acceleration must be null or a number between 0 and 1; got {acceleration!r}")
+        feedthrough = tuple(_labelled(document, n if readout is None else readout.shape[0]))
+        return LocalObserver(name, A, B, tuple(_read_arcs(arcs, n)), readout, feedthrough, exchange, acceleration)
+
+
+def _innovation(
+    arc: LocalArc, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
+) -> FloatArray | None:
+    """``sign y + sum of rows z - output z_own``; None where the reading or a message is missing."""
+    innovation = -(arc.output @ own)
+    if arc.label is not None:
+        reading = readings.get(arc.label)
+        if reading is None:
+            return None
+        innovation = arc.sign * reading - arc.output @ own
+    for name, rows in arc.heard:
+        message = inbox.get(name)
+        if message is None:
+            return None
+        innovation = innovation + rows @ message.estimate
+    return innovation
 
 
 def _read_arcs(arcs: list[Any], n: int) -> Iterable[LocalArc]:
@@ -227,15 +304,38 @@ def _read_arcs(arcs: list[Any], n: int) -> Iterable[LocalArc]:
         if not isinstance(entry, dict):
             raise ProtocolError(f"arcs[{position}] must be an object")
         label, neighbour, sign = entry.get("label"), entry.get("neighbour"), entry.get("sign")
-        if type(label) is not int or not (neighbour is None or isinstance(neighbour, str)) or sign not in (1.0, -1.0):
+        whole = type(label) is int or (label is None and "label" in entry)
+        if not whole or not (neighbour is None or isinstance(neighbour, str)) or sign not in (1.0, -1.0):
             raise ProtocolError(
-                f"arcs[{position}] needs a whole number 'label', a text or null 'neighbour' and a 'sign' of 1 or -1"
+                f"arcs[{position}] needs a whole number or null 'label', a text or null 'neighbour' and a 'sign' "
+                "of 1 or -1"
             )
         gain = _matrix(entry, "gain", n, None)
         p = gain.shape[1]
         output = _matrix(entry, "output", p, n)
         other = None if neighbour is None else _matrix(entry, "neighbour_output", p, None)
-        yield LocalArc(label, neighbour, float(sign), gain, output, other)
+        yield LocalArc(label, neighbour, float(sign), gain, output, other, tuple(_further(entry, position, p)))
+
+
+def _further(entry: Mapping[str, Any], position: int, p: int) -> Iterable[tuple[str, FloatArray]]:
+    for pair in _pairs(entry, "more"):
+        if not isinstance(pair[0], str):
+            raise ProtocolError(f"arcs[{position}]: 'more' must pair names with matrices; got {pair[0]!r}")
+        yield pair[0], _matrix({"more": pair[1]}, "more", p, None)
+
+
+def _labelled(document: Mapping[str, Any], rows: int) -> Iterable[tuple[int, FloatArray]]:
+    for pair in _pairs(document, "feedthrough"):
+        if type(pair[0]) is not int:
+            raise ProtocolError(f"'feedthrough' must pair labels with matrices; got {pair[0]!r}")
+        yield pair[0], _matrix({"feedthrough": pair[1]}, "feedthrough", rows, None)
+
+
+def _pairs(entry: Mapping[str, Any], key: str) -> list[list[Any]]:
+    pairs = entry.get(key)
+    if not isinstance(pairs, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
+        raise ProtocolError(f"{key!r} must be a list of pairs")
+    return pairs
 
 
 def _matrix(document: Mapping[str, Any], key: str, rows: int | None, columns: int | None) -> FloatArray:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,9 +14,12 @@ import scipy.sparse as sp
 from trigpoint.arrays import FloatArray, IntArray, transition_and_integral
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
-from trigpoint.linalg.blocks import Blocks, block_diagonal, diagonal_of, expand, repeat_diagonal
+from trigpoint.linalg.blocks import Blocks, block_diagonal, expand, repeat_diagonal
 from trigpoint.model import LinearAgent, NetworkedAgents
 from trigpoint.observers.local import LocalArc, LocalObserver
+
+if TYPE_CHECKING:
+    from trigpoint.observers.assembled import AssembledObserver
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +54,7 @@ class NetworkObserver(ABC):
 
     Attributes:
         method: name of the method that designed it.
-        graph: who hears whom; an arc is heard by both its ends.
+        names: the nodes' names, in the order of their indices.
         decay_rate: guaranteed rate a: ``|e(t)| <= c e^{-a t}``, 1/s. Not positive: no decay is
             guaranteed, only that the error grows no faster than that.
         spectral_abscissa: computed largest real part of the error spectrum, None where it was not computed.
@@ -59,10 +62,14 @@ class NetworkObserver(ABC):
     """
 
     method: str
-    graph: MeasurementGraph
     decay_rate: float
     spectral_abscissa: float | None
     facts: Mapping[str, Any]
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """The nodes' names, in the order of their indices."""
 
     @abstractmethod
     def error_matrix(self) -> sp.csr_array:
@@ -106,9 +113,14 @@ class DiffusiveObserver(NetworkObserver):
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def graph(self) -> MeasurementGraph:  # type: ignore[override]
+    def graph(self) -> MeasurementGraph:
         """The measurement graph, with the weights that the observer uses."""
         return self.problem.graph
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The nodes' names."""
+        return self.graph.names
 
     @property
     def agent(self) -> LinearAgent:
@@ -171,31 +183,22 @@ class DiffusiveObserver(NetworkObserver):
         ends = np.cumsum(np.bincount(nodes, minlength=self.graph.n_nodes))
         return np.split(arcs[order], ends[:-1])
 
+    def as_programs(self) -> AssembledObserver:
+        """The same observer as its nodes' programs and nothing else: not the stacked formula."""
+        from trigpoint.observers.assembled import AssembledObserver
+
+        nodes = tuple(self.local(node) for node in range(self.graph.n_nodes))
+        return AssembledObserver(
+            self.method, self.problem, nodes, self.decay_rate, self.spectral_abscissa, self.facts
+        )  # fmt: skip
+
     def general_form(self) -> GeneralForm:
-        """Assemble H, K, G, M, N row by row from the nodes' own programs (not from the stacked formula)."""
-        n, p = self.agent.n_states, self.problem.n_outputs
-        rows, readings = self.states, Blocks(self.graph.n_arcs, p)
-        H, K = sp.lil_array((rows.total, rows.total)), sp.lil_array((rows.total, readings.total))
-        for node in range(self.graph.n_nodes):
-            local, own = self.local(node), rows.slice(node)
-            H[own, own] = local.A - sum((arc.gain @ arc.output for arc in local.arcs), np.zeros((n, n)))
-            for arc in local.arcs:
-                K[own, readings.slice(arc.label)] = arc.sign * arc.gain
-                if arc.neighbour is not None and arc.neighbour_output is not None:
-                    there = rows.slice(self.graph.index(arc.neighbour))
-                    H[own, there] = H[own, there].toarray() + arc.gain @ arc.neighbour_output
-        inputs = [np.zeros((n, 0)) if agent.B is None else agent.B for agent in self.problem.agents]
-        G = diagonal_of(inputs) if any(B.shape[1] for B in inputs) else None
-        identity, nothing = sp.csr_array(sp.eye_array(rows.total)), sp.csr_array((rows.total, readings.total))
-        return GeneralForm(sp.csr_array(H), sp.csr_array(K), G, identity, nothing)
+        """H, K, G, M, N, assembled row by row from the nodes' own programs (not from the stacked formula)."""
+        return self.as_programs().general_form()
 
     def verify_design_equations(self) -> DesignResiduals:
         """Residuals of ``A = H + K C`` and ``I = M + N C``: each node estimates its own state, so ``V = I``."""
-        form = self.general_form()
-        A, C = self.problem.stacked_dynamics(), self.problem.stacked_output()
-        size = max(_largest(A), _largest(form.H)) or 1.0
-        identity = sp.eye_array(self.states.total)
-        return DesignResiduals(_largest(A - form.H - form.K @ C) / size, _largest(identity - form.M - form.N @ C))
+        return self.as_programs().residuals_of(self.general_form())
 
     def sampled_maps(self, duration: float) -> tuple[sp.csr_array, sp.csr_array]:
         """``(I (x) e^{A h}, Phi (I (x) gain injection))`` of one neighbour-held step for all nodes at once.
@@ -216,8 +219,3 @@ class DiffusiveObserver(NetworkObserver):
 
     def __repr__(self) -> str:
         return f"DiffusiveObserver({self.method}, {self.graph.n_nodes} nodes, gain {self.gain:.6g})"
-
-
-def _largest(matrix: sp.sparray) -> float:
-    entries = sp.csr_array(matrix)
-    return float(np.abs(entries.data).max(initial=0.0))

@@ -30,7 +30,7 @@ class NodeProgram:
         self._observer = observer
         self._state = observer.init(estimate)
         self._hears = frozenset(observer.hears)
-        self._labels = {arc.label: arc.output.shape[0] for arc in observer.arcs}
+        self._labels = {arc.label: arc.output.shape[0] for arc in observer.arcs if arc.label is not None}
         self._inbox: dict[str, Message] = {}
         self._readings: dict[int, FloatArray] = {}
 
@@ -56,11 +56,7 @@ class NodeProgram:
     def _hear(self, frame: Frame) -> None:
         if frame.sender not in self._hears:
             raise ProtocolError(f"node {self._observer.name!r} does not listen to {frame.sender!r}")
-        widths = {
-            arc.neighbour_output.shape[1]
-            for arc in self._observer.arcs
-            if arc.neighbour == frame.sender and arc.neighbour_output is not None
-        }
+        widths = {rows.shape[1] for arc in self._observer.arcs for name, rows in arc.heard if name == frame.sender}
         if {frame.values.shape[0]} != widths:
             raise ProtocolError(f"the estimate of {frame.sender!r} has {frame.values.shape[0]} numbers, not {widths}")
         self._inbox[frame.sender] = Message(frame.sender, frame.sequence, frame.time, frame.values)

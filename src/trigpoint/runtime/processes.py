@@ -54,8 +54,8 @@ def run_processes(
             for node, pipe in zip(nodes, pipes, strict=True):
                 for name in node.hears:
                     pipe.send(latest[name])
-                for arc in node.arcs:
-                    pipe.send(Frame(Kind.READING, "", arc.label, 0.0, values[arc.label]))
+                for label in node.reads:
+                    pipe.send(Frame(Kind.READING, "", label, 0.0, values[label]))
                 pipe.send(Frame(Kind.STEP, "", number, period, np.zeros(0)))
             latest = {node.name: pipe.answer() for node, pipe in zip(nodes, pipes, strict=True)}
             history.append(np.stack([latest[node.name].values for node in nodes]))

@@ -20,12 +20,12 @@ _TOLERANCE = 1e-12
 
 def locals_of(observer: NetworkObserver) -> dict[str, LocalObserver]:
     """All nodes' programs by name, in the network's order."""
-    return {name: observer.local(node) for node, name in enumerate(observer.graph.names)}
+    return {name: observer.local(node) for node, name in enumerate(observer.names)}
 
 
 def readings_of(node: LocalObserver, readings: FloatArray) -> dict[int, FloatArray]:
     """The readings of the node's own arcs, and no others."""
-    return {arc.label: readings[arc.label] for arc in node.arcs}
+    return {label: readings[label] for label in node.reads}
 
 
 def inbox_of(node: LocalObserver, messages: dict[str, Message], lost: set[tuple[str, str]]) -> dict[str, Message]:

@@ -10,9 +10,10 @@ import numpy as np
 from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError
 from trigpoint.model import NetworkedAgents
+from trigpoint.observers.assembled import AssembledObserver, Problem, channels_of
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 from trigpoint.observers.run import Run
-from trigpoint.simulation import reference, stacked
+from trigpoint.simulation import programs, reference, stacked
 from trigpoint.simulation.clockwork import Tick
 from trigpoint.simulation.plant import Plant, node_table
 from trigpoint.simulation.scenario import Scenario
@@ -23,9 +24,7 @@ def _silent(ticks: Iterable[Tick]) -> Iterable[Tick]:
     return ticks
 
 
-def simulate(
-    problem: NetworkedAgents, observer: NetworkObserver, scenario: Scenario, *, progress: Progress = _silent
-) -> Run:
+def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *, progress: Progress = _silent) -> Run:
     """Run ``observer`` on ``problem`` and record truth and estimates at the scenario's times.
 
     Paths: ``stacked`` works on all nodes at once; ``reference`` steps each local observer by itself with messages in
@@ -39,16 +38,22 @@ def simulate(
         progress: wraps the sequence of exchanges, for a progress bar.
 
     We assume:
-        * equal agents; the observer was designed for these arcs and agents (its weights are its own).
+        * the observer was designed for these arcs, outputs and agents (its weights are its own).
+
+    Nodes that estimate states of different length are filled up with zeros in the run's tables.
 
     Raises:
         ArgumentError, ShapeError: the scenario does not fit the problem; noise between exchanges is asked for.
     """
-    if not isinstance(problem, NetworkedAgents) or not isinstance(scenario, Scenario):
+    if not isinstance(problem, Problem) or not isinstance(scenario, Scenario):
         raise ArgumentError(
-            "simulate takes a NetworkedAgents problem, its observer and a Scenario(times, ...); got "
-            f"{type(problem).__name__}, {type(observer).__name__}, {type(scenario).__name__}"
+            "simulate takes a problem (NetworkedAgents, HyperNetwork or SharedPlant), its observer and a "
+            f"Scenario(times, ...); got {type(problem).__name__}, {type(observer).__name__}, {type(scenario).__name__}"
         )
+    if isinstance(observer, AssembledObserver):
+        return _run_programs(problem, observer, scenario, progress)
+    if not isinstance(problem, NetworkedAgents):
+        raise ArgumentError(f"this observer belongs to a network of agents; got the problem {type(problem).__name__}")
     if not isinstance(observer, DiffusiveObserver):
         raise ArgumentError(f"simulate runs observers made by design(); got {type(observer).__name__}")
     if observer.graph.n_nodes != problem.graph.n_nodes or observer.graph.n_arcs != problem.graph.n_arcs:
@@ -65,6 +70,27 @@ def simulate(
     return Run(
         scenario.times, truths, estimates, messages, status, problem.graph.names, path, _attributes(observer, scenario)
     )
+
+
+def _run_programs(problem: Problem, observer: AssembledObserver, scenario: Scenario, progress: Progress) -> Run:
+    _check_problem(problem, observer)
+    path = _chosen_path(scenario)
+    truths, estimates, messages = programs.run(observer, scenario, path, progress)
+    status = np.broadcast_to("anchored", messages.shape)
+    if isinstance(problem, NetworkedAgents):
+        anchored = problem.graph.component_is_anchored[problem.graph.component_labels]
+        status = np.broadcast_to(np.where(anchored, "anchored", "relative"), messages.shape)
+    attributes = {"period": scenario.period or observer.period, **_facts(observer, scenario)}
+    return Run(scenario.times, truths, estimates, messages, status, observer.names, path, attributes)
+
+
+def _check_problem(problem: Problem, observer: AssembledObserver) -> None:
+    if observer.problem is problem:
+        return
+    one, other = channels_of(problem), observer.channels
+    same = one.names == other.names and one.readings == other.readings and one.A.shape == other.A.shape
+    if not (same and (one.A != other.A).nnz == 0 and (one.C != other.C).nnz == 0):
+        raise ArgumentError("the observer belongs to another problem: its names, dynamics or outputs differ")
 
 
 def _run(
@@ -114,13 +140,15 @@ def _check_noise(scenario: Scenario) -> None:
 
 
 def _attributes(observer: DiffusiveObserver, scenario: Scenario) -> dict[str, Any]:
+    return {"gain": observer.gain, "period": scenario.period, **_facts(observer, scenario)}
+
+
+def _facts(observer: NetworkObserver, scenario: Scenario) -> dict[str, Any]:
     noise, channel = scenario.noise, scenario.channel
     return {
         "method": observer.method,
-        "gain": observer.gain,
         # The guarantee speaks of continuous exchange: a sampled or noisy run carries none.
         "guaranteed_rate": observer.decay_rate if scenario.period is None else None,
-        "period": scenario.period,
         "seed": scenario.seed,
         "noise_measurement": 0.0 if noise is None else noise.measurement,
         "noise_process": 0.0 if noise is None else noise.process,

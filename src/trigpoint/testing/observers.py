@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from trigpoint.methods import Method, design
-from trigpoint.model import NetworkedAgents
+from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.local import LocalObserver, Message
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 from trigpoint.simulation import Scenario, simulate
@@ -16,7 +16,7 @@ from trigpoint.simulation import Scenario, simulate
 _TOLERANCE = 1e-9
 
 
-def check_observer(problem: NetworkedAgents, observer: NetworkObserver, seed: int = 0) -> None:
+def check_observer(problem: Problem, observer: NetworkObserver, seed: int = 0) -> None:
     """Check the axioms of an observer on its own problem.
 
     * the design equations W17 (5), (8) hold to 1e-12;
@@ -37,13 +37,15 @@ def check_observer(problem: NetworkedAgents, observer: NetworkObserver, seed: in
     size = float(np.abs(observer.error_matrix().toarray()).max(initial=1.0))
     assert difference <= 1e-12 * size, f"local rows and error matrix differ by {difference:.3g}"
     rng = np.random.default_rng(seed)
-    for node in range(observer.graph.n_nodes):
-        _check_local(observer.local(node), observer, rng)
-    if isinstance(observer, DiffusiveObserver):
+    nodes = [observer.local(node) for node in range(len(observer.names))]
+    readings = {label: rows for node in nodes for label, rows in _reading_sizes(node).items()}
+    for node in nodes:
+        _check_local(node, {other.name: other.n_states for other in nodes}, readings, rng)
+    if isinstance(observer, DiffusiveObserver | AssembledObserver):
         _check_paths(problem, observer, rng)
 
 
-def check_design(method: Method, problem: NetworkedAgents) -> NetworkObserver:
+def check_design(method: Method, problem: Problem) -> NetworkObserver:
     """Design and check: the axioms of ``check_observer``, and a computed decay no slower than the guaranteed one.
 
     Args:
@@ -60,14 +62,18 @@ def check_design(method: Method, problem: NetworkedAgents) -> NetworkObserver:
     return observer
 
 
-def _check_local(local: LocalObserver, observer: NetworkObserver, rng: np.random.Generator) -> None:
-    n = local.n_states
-    everyone = {name: Message(name, 0, 0.0, np.full(n, np.nan)) for name in observer.graph.names}
-    own = {name: Message(name, 0, 0.0, rng.normal(size=n)) for name in local.hears}
-    p = observer.general_form().K.shape[1] // max(observer.graph.n_arcs, 1)
-    poison = {k: np.full(p, np.nan) for k in range(observer.graph.n_arcs)}
-    readings = {arc.label: np.asarray(rng.normal(size=arc.output.shape[0])) for arc in local.arcs}
-    state = local.init(rng.normal(size=n))
+def _reading_sizes(local: LocalObserver) -> dict[int, int]:
+    """How many numbers each reading has that the program uses."""
+    sizes = {arc.label: arc.output.shape[0] for arc in local.arcs if arc.label is not None}
+    return {**sizes, **{label: matrix.shape[1] for label, matrix in local.feedthrough}}
+
+
+def _check_local(local: LocalObserver, sizes: dict[str, int], rows: dict[int, int], rng: np.random.Generator) -> None:
+    everyone = {name: Message(name, 0, 0.0, np.full(n, np.nan)) for name, n in sizes.items()}
+    own = {name: Message(name, 0, 0.0, rng.normal(size=sizes[name])) for name in local.hears}
+    poison = {label: np.full(p, np.nan) for label, p in rows.items()}
+    readings: dict[int, Any] = {label: rng.normal(size=rows[label]) for label in local.reads}
+    state = local.init(rng.normal(size=local.n_states))
     clean = local.step(state, own, readings, 0.1)
     mixed = local.step(state, {**everyone, **own}, {**poison, **readings}, 0.1)
     assert np.isfinite(mixed.estimate).all(), f"node {local.name} uses something outside its neighbourhood"
@@ -82,12 +88,16 @@ def _through_text(document: dict[str, Any]) -> Any:
     return json.loads(json.dumps(document))
 
 
-def _check_paths(problem: NetworkedAgents, observer: DiffusiveObserver, rng: np.random.Generator) -> None:
-    shape = (problem.states.count, problem.states.size)
-    start, error = rng.normal(size=shape), rng.normal(size=shape)
+def _check_paths(problem: Problem, observer: DiffusiveObserver | AssembledObserver, rng: np.random.Generator) -> None:
     rate = max(abs(observer.spectral_abscissa or 1.0), 1e-3)
-    times = np.array([0.0, 0.25, 1.0]) / rate
-    for period in (None, 0.125 / rate):
+    periods: tuple[float | None, ...] = (None, 0.125 / rate)
+    if isinstance(observer, AssembledObserver) and (observer.period is not None or observer.is_discrete):
+        periods = (0.125 / rate if observer.period is None else observer.period,)
+    sizes = [observer.local(node).estimate(observer.local(node).init()).shape[0] for node in range(len(observer.names))]
+    total = observer.channels.A.shape[0] if isinstance(observer, AssembledObserver) else sum(sizes)
+    start, error = rng.normal(size=total), rng.normal(size=sum(sizes))
+    for period in periods:
+        times = np.array([0.0, 2.0, 8.0]) * (0.125 / rate if period is None else period)
         runs = [
             simulate(problem, observer, Scenario(times, error, start, period=period, path=path))
             for path in ("stacked", "reference")
