@@ -31,7 +31,7 @@ def problem():
         (lambda: tp.NetworkedAgents(tp.LinearAgent.static(), tp.graphs.chain(2)), "graph must be a MeasurementGraph"),
         (lambda: tp.gain_bound(problem()), "graph must be a MeasurementGraph, such as problem.graph"),
         (lambda: tp.design(problem(), "local-kalman"), r"got 'local-kalman'; write LocalKalman\(\)"),
-        (lambda: tp.simulate(problem(), None, [0, 1]), "simulate takes a NetworkedAgents problem.*got .*list"),
+        (lambda: tp.simulate(problem(), None, [0, 1]), "simulate takes a problem.*got .*list"),
     ],
 )
 def test_common_mistakes_in_python_are_named(mistake, words):

@@ -9,7 +9,7 @@ import numpy as np
 import trigpoint as tp
 from trigpoint.observers.local import LocalObserver
 from trigpoint.observers.network import NetworkObserver
-from trigpoint.simulation.reference import inbox_of, readings_of
+from trigpoint.simulation.exchanges import inbox_of
 
 STATIC = tp.LinearAgent.static(1)
 DOUBLE = tp.LinearAgent([[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0]])
@@ -43,7 +43,12 @@ def in_one_process(
         messages = {node.name: node.emit(states[node.name]) for node in nodes}
         values = readings(number)
         states = {
-            node.name: node.step(states[node.name], inbox_of(node, messages, set()), readings_of(node, values), period)
+            node.name: node.step(
+                states[node.name],
+                inbox_of(node, messages, set()),
+                {label: values[label] for label in node.reads},
+                period,
+            )
             for node in nodes
         }
         history.append(np.stack([states[node.name].estimate for node in nodes]))

@@ -11,9 +11,8 @@ import scipy.sparse as sp
 from trigpoint.arrays import FloatArray
 from trigpoint.linalg.blocks import diagonal_of
 from trigpoint.observers.assembled import AssembledObserver
-from trigpoint.observers.local import LocalState, Message
+from trigpoint.observers.local import LocalObserver, LocalState, Message
 from trigpoint.simulation.clockwork import ticks
-from trigpoint.simulation.reference import inbox_of
 from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.stacked import Progress, Series
 from trigpoint.simulation.world import World, padded
@@ -59,10 +58,11 @@ def sampled(observer: AssembledObserver, world: World, scenario: Scenario, how: 
     """One exchange after the other; noise and losses are drawn in one order whichever engine runs."""
     rng, truth = np.random.default_rng(scenario.seed), start.truth
     engine: _Engine = (AtOnce if how.at_once else OneByOne)(observer, world, start)
-    deviation = 0.0 if scenario.noise is None else scenario.noise.measurement
+    deviation, process = (0.0, 0.0) if scenario.noise is None else (scenario.noise.measurement, scenario.noise.process)
     loss = 0.0 if scenario.channel is None else scenario.channel.loss
     links = [(sender, node.name) for node in observer.nodes for sender in node.hears]
     sent = np.array([sum(sender == name for sender, _ in links) for name in observer.names])
+    factors = [] if process == 0.0 else world.noise_factors(process, how.period)
     truths, estimates, messages = [], [], []
     for tick in how.progress(ticks(scenario.times, how.period)):
         chances = rng.random(len(links)) if loss else np.ones(len(links))
@@ -77,7 +77,8 @@ def sampled(observer: AssembledObserver, world: World, scenario: Scenario, how: 
             estimates.append(estimates_of(observer, engine.after(shown), readings if late == 0.0 else world.read(now)))
             messages.append((tick.number + (late > 0.0)) * sent)
         engine.settle(how.period)
-        truth = world.advance(truth, how.period)
+        drawn = [factor @ rng.standard_normal(factor.shape[1]) for factor in factors]
+        truth = world.advance(truth, how.period, np.concatenate(drawn) if drawn else None)
     return np.stack(truths), np.stack(estimates), np.stack(messages)
 
 
@@ -86,6 +87,11 @@ def estimates_of(observer: AssembledObserver, stacked: FloatArray, readings: Rea
     values = np.split(stacked, observer.states.starts[1:-1])
     pairs = zip(observer.nodes, values, strict=True)
     return padded([node.estimate(LocalState(0.0, 0, value), readings) for node, value in pairs])
+
+
+def inbox_of(node: LocalObserver, messages: dict[str, Message], lost: set[tuple[str, str]]) -> dict[str, Message]:
+    """The messages of the node's neighbours that were not lost on the way, and no others."""
+    return {name: messages[name] for name in node.hears if (name, node.name) not in lost}
 
 
 class AtOnce:

@@ -83,7 +83,7 @@ class Disturbances:
         factor = None
         if noise is not None and noise.process > 0.0 and scenario.period is not None:
             entry = np.eye(agent.n_states) if agent.E is None else agent.E
-            factor = _noise_factor(agent.A, noise.process * entry, scenario.period)
+            factor = noise_factor(agent.A, noise.process * entry, scenario.period)
         return Disturbances(
             np.random.default_rng(scenario.seed),
             factor,
@@ -138,7 +138,7 @@ def _recorded(problem: NetworkedAgents, scenario: Scenario) -> FloatArray | None
     return scenario.measurements.reshape(expected)
 
 
-def _noise_factor(A: FloatArray, entry: FloatArray, period: float) -> FloatArray:
+def noise_factor(A: FloatArray, entry: FloatArray, period: float) -> FloatArray:
     """F with ``F F' = Q(h) = int_0^h e^{A s} E E' e^{A' s} ds``.
 
     Van Loan's block exponential over a short time, where its e^{-A s} is harmless, then the doubling

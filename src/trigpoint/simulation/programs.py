@@ -9,8 +9,7 @@ from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError
 from trigpoint.observers.assembled import AssembledObserver
 from trigpoint.observers.local import LocalState
-from trigpoint.simulation.exchanges import Sampling, Start, estimates_of, sampled
-from trigpoint.simulation.reference import inbox_of
+from trigpoint.simulation.exchanges import Sampling, Start, estimates_of, inbox_of, sampled
 from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.stacked import Progress, Series, error_series
 from trigpoint.simulation.world import World, padded, start_of, truth_of
@@ -26,8 +25,6 @@ def run(observer: AssembledObserver, scenario: Scenario, path: str, progress: Pr
         raise ArgumentError("this observer is a map from one exchange to the next: give the scenario a period")
     if period is not None and observer.period not in (None, period):
         raise ArgumentError(f"the observer was designed for a period of {observer.period:g} s; got {period:g} s")
-    if scenario.noise is not None and scenario.noise.process > 0.0:
-        raise ArgumentError("process noise is simulated for equal agents with one gain only; leave it out here")
     start = _start(observer, world, scenario)
     if period is None:
         continuous = _continuous if path == "stacked" else _continuous_reference
@@ -47,7 +44,10 @@ def _continuous(observer: AssembledObserver, world: World, scenario: Scenario, s
     """``e' = H e``, exactly or by an implicit method, as for equal agents."""
     V, times = observer.target_matrix(), scenario.times
     H = observer.error_matrix()
-    errors = error_series(H, np.zeros(H.shape[0]), np.concatenate(start.values) - V @ start.truth, times)
+    constant = np.zeros(H.shape[0])
+    if world.recorded is not None:
+        constant = observer.general_form().K @ (world.recorded - world.channels.C @ start.truth)
+    errors = error_series(H, constant, np.concatenate(start.values) - V @ start.truth, times)
     truths, estimates = [], []
     for time, error in zip(times.tolist(), errors, strict=True):
         truth = world.advance(start.truth, time)

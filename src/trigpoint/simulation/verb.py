@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError
 from trigpoint.model import NetworkedAgents
 from trigpoint.observers.assembled import AssembledObserver, Problem, channels_of
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 from trigpoint.observers.run import Run
-from trigpoint.simulation import programs, reference, stacked
+from trigpoint.simulation import programs, stacked
 from trigpoint.simulation.clockwork import Tick
 from trigpoint.simulation.plant import Plant, node_table
 from trigpoint.simulation.scenario import Scenario
-from trigpoint.simulation.stacked import Progress, Series
+from trigpoint.simulation.stacked import Progress
 
 
 def _silent(ticks: Iterable[Tick]) -> Iterable[Tick]:
@@ -64,7 +63,12 @@ def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *,
     truth = node_table("initial_state", scenario.initial_state, problem.states)
     estimate = truth + node_table("initial_error", scenario.initial_error, problem.states)
     path = _chosen_path(scenario)
-    truths, estimates, messages = _run(path, observer, plant, scenario, truth, estimate, progress)
+    if path == "reference":
+        truths, estimates, messages = programs.run(observer.as_programs(), scenario, path, progress)
+    elif scenario.period is None:
+        truths, estimates, messages = stacked.continuous(observer, plant, scenario, truth, estimate)
+    else:
+        truths, estimates, messages = stacked.sampled(observer, plant, scenario, truth, estimate, progress)
     anchored = problem.graph.component_is_anchored[problem.graph.component_labels]
     status = np.broadcast_to(np.where(anchored, "anchored", "relative"), messages.shape)
     return Run(
@@ -91,22 +95,6 @@ def _check_problem(problem: Problem, observer: AssembledObserver) -> None:
     same = one.names == other.names and one.readings == other.readings and one.A.shape == other.A.shape
     if not (same and (one.A != other.A).nnz == 0 and (one.C != other.C).nnz == 0):
         raise ArgumentError("the observer belongs to another problem: its names, dynamics or outputs differ")
-
-
-def _run(
-    path: str,
-    observer: DiffusiveObserver,
-    plant: Plant,
-    scenario: Scenario,
-    truth: FloatArray,
-    estimate: FloatArray,
-    progress: Progress,
-) -> Series:
-    if scenario.period is None:
-        continuous = stacked.continuous if path == "stacked" else reference.continuous
-        return continuous(observer, plant, scenario, truth, estimate)
-    sampled = stacked.sampled if path == "stacked" else reference.sampled
-    return sampled(observer, plant, scenario, truth, estimate, progress)
 
 
 def _chosen_path(scenario: Scenario) -> str:

@@ -10,7 +10,25 @@ from trigpoint.arrays import FloatArray, transition_and_integral
 from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.model import HyperNetwork, SharedPlant
 from trigpoint.observers.assembled import AssembledObserver, Channels
+from trigpoint.simulation.plant import noise_factor
 from trigpoint.simulation.scenario import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """An independent part of the state: one agent, or the whole shared plant.
+
+    Attributes:
+        place: its positions in the state.
+        A: its dynamics.
+        drive: ``B u``.
+        entry: E of its process noise ``E v``.
+    """
+
+    place: slice
+    A: FloatArray
+    drive: FloatArray
+    entry: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,54 +37,65 @@ class World:
 
     Attributes:
         channels: dynamics, readings, and what each node estimates.
-        parts: (slice, A, drive) of each independent part of the state: one an agent, or one for a shared plant.
+        parts: the independent parts of the state.
         inputs: what each node is told of the known inputs, or None.
+        recorded: all readings, stacked, where recorded ones replace the simulated; or None.
         is_map: the truth moves by ``x+ = A x + B u`` from one exchange to the next.
     """
 
     channels: Channels
-    parts: tuple[tuple[slice, FloatArray, FloatArray], ...]
+    parts: tuple[Part, ...]
     inputs: tuple[FloatArray | None, ...]
+    recorded: FloatArray | None
     is_map: bool
 
     @staticmethod
     def of(observer: AssembledObserver, scenario: Scenario) -> World:
         """Check the scenario against the observer's own problem."""
-        if scenario.measurements is not None:
-            raise ArgumentError("recorded measurements belong to equal static agents; leave them out here")
         problem, channels = observer.problem, observer.channels
+        recorded = _recorded(observer, scenario)
         if isinstance(problem, SharedPlant):
             told = _shared_input(problem, scenario)
             drive = np.zeros(problem.n_states) if told is None or problem.B is None else problem.B @ told
-            whole = ((slice(0, problem.n_states), problem.A, drive),)
-            return World(channels, whole, (told,) * problem.n_agents, _is_map(observer))
+            whole = (Part(slice(0, problem.n_states), problem.A, drive, np.eye(problem.n_states)),)
+            return World(channels, whole, (told,) * problem.n_agents, recorded, _is_map(observer))
         network = problem if isinstance(problem, HyperNetwork) else HyperNetwork.of_networked(problem)
         inputs = _agent_inputs(network, scenario)
         parts = []
         for node, agent in enumerate(network.agents):
             given = inputs[node]
             drive = np.zeros(agent.n_states) if given is None or agent.B is None else agent.B @ given
-            parts.append((network.states(node), agent.A, drive))
-        return World(channels, tuple(parts), inputs, _is_map(observer))
+            entry = np.eye(agent.n_states) if agent.E is None else agent.E
+            parts.append(Part(network.states(node), agent.A, drive, entry))
+        return World(channels, tuple(parts), inputs, recorded, _is_map(observer))
 
-    def advance(self, state: FloatArray, duration: float) -> FloatArray:
-        """Truth (n,) ``duration`` seconds later, exactly; for a map, of one exchange."""
-        if duration == 0.0:
+    def advance(self, state: FloatArray, duration: float, noise: FloatArray | None = None) -> FloatArray:
+        """Truth (n,) ``duration`` seconds later, exactly, plus a drawn disturbance; for a map, of one exchange."""
+        if duration == 0.0 and noise is None:
             return state
         moved = np.empty_like(state)
         known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
-        for place, A, drive in self.parts:
-            key = A.tobytes()
+        for part in self.parts:
+            key = part.A.tobytes()
             if key not in known:
-                one = (A, np.eye(A.shape[0]))
-                known[key] = one if self.is_map else transition_and_integral(A, duration)
+                one = (part.A, np.eye(part.A.shape[0]))
+                known[key] = one if self.is_map else transition_and_integral(part.A, duration)
             transition, integral = known[key]
-            moved[place] = transition @ state[place] + integral @ drive
-        return moved
+            moved[part.place] = transition @ state[part.place] + integral @ part.drive
+        return moved if noise is None else moved + noise
+
+    def noise_factors(self, scale: float, period: float) -> list[FloatArray]:
+        """F of each part with ``F F'`` the covariance of ``scale`` times its process noise over one period."""
+        known: dict[bytes, FloatArray] = {}
+        for part in self.parts:
+            key = part.A.tobytes() + part.entry.tobytes()
+            if key not in known:
+                known[key] = scale * part.entry if self.is_map else noise_factor(part.A, scale * part.entry, period)
+        return [known[part.A.tobytes() + part.entry.tobytes()] for part in self.parts]
 
     def read(self, state: FloatArray, noise: FloatArray | None = None) -> dict[int, FloatArray]:
         """All readings by label."""
-        values = self.channels.C @ state
+        values = self.channels.C @ state if self.recorded is None else self.recorded
         values = values if noise is None else values + noise
         ranges = self.channels.readings
         return {label: values[ranges.slice(label)] for label in range(ranges.count)}
@@ -108,6 +137,17 @@ def padded(rows: list[FloatArray]) -> FloatArray:
 
 def _is_map(observer: AssembledObserver) -> bool:
     return observer.is_discrete and observer.period is None
+
+
+def _recorded(observer: AssembledObserver, scenario: Scenario) -> FloatArray | None:
+    if scenario.measurements is None:
+        return None
+    if observer.channels.A.nnz:
+        raise ArgumentError("recorded measurements are constant, so they belong to static agents (A = 0)")
+    expected = observer.channels.C.shape[0]
+    if scenario.measurements.size != expected:
+        raise ShapeError(f"measurements must hold the {expected} readings; got shape {scenario.measurements.shape}")
+    return scenario.measurements.reshape(expected)
 
 
 def _shared_input(problem: SharedPlant, scenario: Scenario) -> FloatArray | None:
