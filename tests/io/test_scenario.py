@@ -83,7 +83,7 @@ def test_defaults():
     assert scenario.agent is None
     assert scenario.simulate is None
     assert (scenario.design.method, scenario.design.gain, scenario.design.weights) == (
-        "local-kalman",
+        None,
         "from-graph",
         "unit",
     )

@@ -57,7 +57,7 @@ def check(
     if plant is not None:
         return _check_plant(plant, as_json)
     given = read(file)
-    graph = estimating(given, "precision").problem.graph if weighted else given.graph
+    graph = (estimating(given, "precision").graph if weighted else None) or given.graph
     diagnosis = diagnose(given.problem)
     bound = smallest_eigenvalue(graph)
     weak = critical(given.graph)

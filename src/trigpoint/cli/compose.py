@@ -11,15 +11,15 @@ from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.io import ScenarioFile, load
 from trigpoint.io.sections import DesignSection, SimulateSection
-from trigpoint.methods import METHODS, Fixed, FromGraph, GainRule, LocalKalman, Method, WorstCase
-from trigpoint.model import LinearAgent, Network, NetworkedAgents
-from trigpoint.observers import DiffusiveObserver, LocalObserver, Run
+from trigpoint.model import HyperNetwork, LinearAgent, Network, NetworkedAgents, SharedPlant
+from trigpoint.observers import AssembledObserver, DiffusiveObserver, LocalObserver, Run
+from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import Certificate
 
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What a file holds: the drawn graph, the measured network if there are values, the agent, the choices."""
+    """What a file of a network holds: the drawn graph, the measured network if there are values, agent and choices."""
 
     path: Path
     graph: MeasurementGraph
@@ -34,14 +34,36 @@ class Given:
         return NetworkedAgents(self.graph, self.agent)
 
 
+@dataclass(frozen=True, eq=False)
+class Stated:
+    """What a file of another problem holds (a shared plant, agents that differ): the problem and the choices."""
+
+    path: Path
+    problem: SharedPlant | HyperNetwork | NetworkedAgents
+    design: DesignSection
+    simulate: SimulateSection
+
+
+def read_any(path: Path) -> Given | Stated:
+    """Read any file that states a problem of any kind."""
+    loaded = load(path)
+    if isinstance(loaded, ScenarioFile) and loaded.plant is not None:
+        return Stated(path, loaded.plant, loaded.design, loaded.simulate or SimulateSection())
+    if isinstance(loaded, SharedPlant | HyperNetwork):
+        return Stated(path, loaded, DesignSection(), SimulateSection())
+    if isinstance(loaded, NetworkedAgents) and not loaded.is_homogeneous:
+        return Stated(path, loaded, DesignSection(), SimulateSection())
+    return read(path)
+
+
 def read(path: Path) -> Given:
-    """Read any file that states a network; a document of another kind is an error."""
+    """Read any file that states a network of equal agents; a document of another kind is an error."""
     loaded = load(path)
     agent, design, simulate = None, DesignSection(), SimulateSection()
     if isinstance(loaded, ScenarioFile):
         agent, design, simulate = loaded.agent, loaded.design, loaded.simulate or simulate
         if loaded.network is None:
-            raise FileFormatError(path, "states a [plant]; of the commands only check takes it so far")
+            raise FileFormatError(path, "states a [plant]; this command needs a [network]")
         loaded = loaded.network
     elif isinstance(loaded, NetworkedAgents):
         return Given(path, loaded.graph, None, loaded.agent, design, simulate)
@@ -58,10 +80,13 @@ def read(path: Path) -> Given:
 def kind_of(loaded: object) -> str:
     """What a file holds, in plain words."""
     words = {
+        AssembledObserver: "an observer",
         Certificate: "a certificate",
         DiffusiveObserver: "an observer",
         LocalObserver: "a node file",
+        HyperNetwork: "a problem",
         MeasurementGraph: "a network without values",
+        SharedPlant: "a problem",
         Network: "a network",
         NetworkedAgents: "a problem",
         Run: "a recorded run",
@@ -87,9 +112,14 @@ class Estimating:
         marks: number of known marks that announce their value and estimate nothing.
     """
 
-    problem: NetworkedAgents
+    problem: Problem
     network: Network | None
     marks: int
+
+    @property
+    def graph(self) -> MeasurementGraph | None:
+        """The graph of a network of agents, with the observer's weights; None for other problems."""
+        return self.problem.graph if isinstance(self.problem, NetworkedAgents) else None
 
 
 def estimating(given: Given, weights: str) -> Estimating:
@@ -116,23 +146,13 @@ def estimating(given: Given, weights: str) -> Estimating:
     return Estimating(NetworkedAgents(graph, given.agent), part, marks)
 
 
-def method_of(design: DesignSection) -> Method:
-    """The design method that a scenario or the command line asks for."""
-    labels = [kind.label for kind in METHODS]
-    if design.method not in labels:
-        raise ArgumentError(f"no design method is called {design.method!r}; known are {', '.join(labels)}")
-    return LocalKalman(gain=_gain_rule(design), process=design.process, measurement=design.measurement)
-
-
-def _gain_rule(design: DesignSection) -> GainRule:
-    margin = 1.05 if design.margin is None else design.margin
-    if design.gain == "from-graph":
-        return FromGraph(margin)
-    if design.gain == "worst-case":
-        if design.max_nodes is None:
-            raise ArgumentError("gain 'worst-case' needs max_nodes (--max-nodes): the largest network it must serve")
-        return WorstCase(design.max_nodes, margin)
-    return Fixed(float(design.gain))
+def part_of(given: Given | Stated, design: DesignSection) -> Estimating:
+    """What estimates, of a file of any kind."""
+    if isinstance(given, Given):
+        return estimating(given, design.weights)
+    if design.weights == "precision":
+        raise FileFormatError(given.path, "states no measured network, so weights = 'precision' has nothing to go by")
+    return Estimating(given.problem, None, 0)
 
 
 def changed(design: DesignSection, **options: object) -> DesignSection:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -11,24 +11,27 @@ from rich.table import Table
 from trigpoint.analysis import diagnose
 from trigpoint.arrays import digest_of
 from trigpoint.certificates import Certificate, certify, verify
-from trigpoint.cli.compose import changed, estimating, kind_of, method_of, read
+from trigpoint.cli.choices import label_of, method_of
+from trigpoint.cli.compose import changed, kind_of, part_of, read_any
 from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, Out, console, emit, guarded, notice
 from trigpoint.errors import FileFormatError
 from trigpoint.io import load, parse_json, save
 from trigpoint.io.text import read_text
 from trigpoint.methods import design
-from trigpoint.model import NetworkedAgents
+from trigpoint.model import HyperNetwork, NetworkedAgents, SharedPlant
+from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
-Document = TypeVar("Document")
-
+_PROBLEMS = (NetworkedAgents, HyperNetwork, SharedPlant)
+_OBSERVERS = (DiffusiveObserver, AssembledObserver)
 CODE: dict[Outcome, int] = {"certified": HOLDS, "refuted": FAILS, "inconclusive": UNDECIDED}
 
 MethodName = Annotated[str | None, typer.Option("--method", help="Design method (local-kalman).")]
 Gain = Annotated[str | None, typer.Option("--gain", help="from-graph, worst-case, or a number.")]
 Margin = Annotated[float | None, typer.Option("--margin", help="Factor above the gain bound (1.05).")]
 MaxNodes = Annotated[int | None, typer.Option("--max-nodes", help="Largest network, for --gain worst-case.")]
+Rate = Annotated[float | None, typer.Option("--rate", help="Decay rate asked for, 1/s (methods that take one).")]
 Weights = Annotated[str | None, typer.Option("--weights", help="unit, or precision (1/sigma^2, mean 1).")]
 
 
@@ -40,6 +43,7 @@ def design_command(
     margin: Margin = None,
     max_nodes: MaxNodes = None,
     weights: Weights = None,
+    rate: Rate = None,
     with_certificate: Annotated[bool, typer.Option("--certify", help="Prove the design, too.")] = False,
     out: Out = None,
     as_json: Json = False,
@@ -49,17 +53,20 @@ def design_command(
     --out DIR writes problem.json, observer.json and (with --certify) certificate.json. Exit code 1: no observer
     exists, or a claim is refuted; 3: a claim is inconclusive.
     """
-    given = read(file)
-    choices = changed(given.design, method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights)
-    part = estimating(given, choices.weights)
+    given = read_any(file)
+    choices = changed(
+        given.design, method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights, rate=rate
+    )  # fmt: skip
+    part = part_of(given, choices)
     diagnosis = diagnose(part.problem)
     if diagnosis.detectable is False:
         notice(f"no observer exists:\n{diagnosis.summary()}")
         if as_json:
-            emit({"method": choices.method, "gain": None, "decay_rate": None, "spectral_abscissa": None,
-                  "certificate": {"verdict": None}, "findings": [f.text for f in diagnosis.findings]})  # fmt: skip
+            nothing = {"gain": None, "decay_rate": None, "spectral_abscissa": None, "certificate": {"verdict": None}}
+            findings = [finding.text for finding in diagnosis.findings]
+            emit({"method": label_of(choices, part.problem), **nothing, "findings": findings})
         return FAILS
-    observer = design(part.problem, method_of(choices))
+    observer = design(part.problem, method_of(choices, part.problem))
     bound = observer.facts.get("gain_bound")
     if isinstance(observer, DiffusiveObserver) and bound is not None and observer.decay_rate <= 0.0:
         notice(
@@ -76,9 +83,7 @@ def design_command(
     return HOLDS if certificate is None else CODE[certificate.verdict]
 
 
-def write_documents(
-    folder: Path, problem: NetworkedAgents, observer: NetworkObserver, certificate: Certificate | None
-) -> None:
+def write_documents(folder: Path, problem: Problem, observer: NetworkObserver, certificate: Certificate | None) -> None:
     """Write the three documents side by side."""
     folder.mkdir(parents=True, exist_ok=True)
     save(problem, folder / "problem.json")
@@ -133,7 +138,7 @@ def certify_command(
 ) -> int:
     """Prove what an observer guarantees; --out FILE writes the certificate."""
     observer = load(file)
-    if not isinstance(observer, DiffusiveObserver):
+    if not isinstance(observer, DiffusiveObserver | AssembledObserver):
         raise FileFormatError(file, f"holds {kind_of(observer)}; expected an observer (written by design --out)")
     certificate = certify(observer.problem, observer)
     if out is not None:
@@ -161,8 +166,8 @@ def verify_command(
         raise FileFormatError(
             file, f"holds {kind_of(certificate)}; expected a certificate (written by design --certify)"
         )
-    problem = _beside(file, "problem", certificate.problem_digest, NetworkedAgents)
-    observer = _beside(file, "observer", certificate.observer_digest, DiffusiveObserver)
+    problem = _beside(file, "problem", certificate.problem_digest, _PROBLEMS)
+    observer = _beside(file, "observer", certificate.observer_digest, _OBSERVERS)
     verdict = verify(certificate, problem, observer)
     if as_json:
         claims = [{"claim": name, "verdict": outcome} for name, outcome in verdict.claims]
@@ -179,7 +184,7 @@ def _claims(certificate: Certificate) -> list[dict[str, Any]]:
     ]
 
 
-def _beside(certificate: Path, what: str, digest: str, kind: type[Document]) -> Document:
+def _beside(certificate: Path, what: str, digest: str, kinds: tuple[type, ...]) -> Any:
     """The document of that name beside the certificate, if it is of that kind and its digest the named one."""
     path = certificate.with_name(f"{what}.json")
     if not path.exists():
@@ -189,6 +194,6 @@ def _beside(certificate: Path, what: str, digest: str, kind: type[Document]) -> 
         found = digest_of(parse_json(read_text(path), path))  # of what stands there, unknown fields included
     except ValueError as error:
         raise FileFormatError(path, f"holds a number that JSON has no word for ({error})") from error
-    if found != digest or not isinstance(loaded, kind):
+    if found != digest or not isinstance(loaded, kinds):
         raise FileFormatError(path, f"is not the {what} that the certificate names (its digest differs)")
     return loaded

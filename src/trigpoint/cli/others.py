@@ -93,7 +93,8 @@ def watch(
     """Replay a recorded run in the browser, from this machine only. Ends with Ctrl-C."""
     run = _run(file)
     given = read(network)
-    graph = next((g for g in (given.graph, estimating(given, "unit").problem.graph) if g.names == run.names), None)
+    candidates = (given.graph, estimating(given, "unit").graph)
+    graph = next((g for g in candidates if g is not None and g.names == run.names), None)
     if graph is None:
         raise FileFormatError(network, "is not the network of this run: the node names differ")
     app = replay_app(run, graph)

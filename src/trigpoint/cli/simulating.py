@@ -10,15 +10,16 @@ import typer
 from rich.table import Table
 
 from trigpoint.analysis import diagnose
-from trigpoint.cli.compose import Estimating, Given, changed, estimating, instants, method_of, read
-from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Weights
+from trigpoint.cli.choices import method_of
+from trigpoint.cli.compose import Estimating, Given, Stated, changed, instants, part_of, read_any
+from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Rate, Weights
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, ending, guarded, notice, tracked
 from trigpoint.errors import ArgumentError
 from trigpoint.estimation import estimate
 from trigpoint.io import save, write_atomically
 from trigpoint.io.sections import SimulateSection
 from trigpoint.methods import design
-from trigpoint.model import Network
+from trigpoint.model import Network, NetworkedAgents
 from trigpoint.observers.network import NetworkObserver
 from trigpoint.observers.run import Run
 from trigpoint.report import render, run_page
@@ -37,6 +38,7 @@ def simulate_command(
     margin: Margin = None,
     max_nodes: MaxNodes = None,
     weights: Weights = None,
+    rate: Rate = None,
     horizon: Horizon = None,
     period: Period = None,
     seed: Seed = None,
@@ -48,16 +50,18 @@ def simulate_command(
     On a measured network of constants the readings are those of the file, and the error is the distance from the
     least-squares answer. --out FILE.npz keeps the run, --out FILE.html writes a report.
     """
-    given = read(file)
-    choices = changed(given.design, method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights)
-    part = estimating(given, choices.weights)
+    given = read_any(file)
+    choices = changed(
+        given.design, method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights, rate=rate
+    )  # fmt: skip
+    part = part_of(given, choices)
     diagnosis = diagnose(part.problem)
     if diagnosis.detectable is False:
         notice(f"no observer exists:\n{diagnosis.summary()}")
         if as_json:
             emit({"path": None, "time_to_1_percent": None, "final_error": None, "decay_rate_measured": None})
         return FAILS
-    observer = design(part.problem, method_of(choices))
+    observer = design(part.problem, method_of(choices, part.problem))
     ending(out, ".npz", ".html")
     scenario = scenario_of(given, part, observer, _section(given.simulate, horizon, period, seed))
     run = simulate(part.problem, observer, scenario, progress=tracked("simulating"))
@@ -89,15 +93,14 @@ def _section(
 
 
 def scenario_of(
-    given: Given, part: Estimating, observer: NetworkObserver, section: SimulateSection
+    given: Given | Stated, part: Estimating, observer: NetworkObserver, section: SimulateSection
 ) -> Scenario:  # fmt: skip
     """The scenario of a file; recorded readings where the states are constants that were measured."""
-    recorded = part.network is not None and given.agent.is_static
     truth: Any = 0.0 if section.initial_state is None else section.initial_state
     measurements = None
-    if recorded and part.network is not None:
+    if isinstance(given, Given) and part.network is not None and given.agent.is_static:
         answer = estimate(part.network, uncertainty=False)
-        truth, measurements = answer.x.reshape(part.problem.graph.n_nodes, -1), part.network.values
+        truth, measurements = answer.x.reshape(part.network.graph.n_nodes, -1), part.network.values
     noise = Noise(section.noise.measurement, float(section.noise.process))
     return Scenario(
         instants(section, observer.decay_rate),
@@ -112,9 +115,9 @@ def scenario_of(
     )
 
 
-def _warn(given: Given, part: Estimating) -> None:
+def _warn(given: Given | Stated, part: Estimating) -> None:
     """Say what would surprise in the numbers that follow."""
-    if part.network is None:
+    if part.network is None or not isinstance(given, Given) or not isinstance(part.problem, NetworkedAgents):
         return
     if not given.agent.is_static:
         notice("the measured values of the file are not used: the agents move")
@@ -148,7 +151,7 @@ def facts(run: Run, observer: NetworkObserver) -> dict[str, Any]:
     }
 
 
-def _write(out: Path, run: Run, given: Given, part: Estimating) -> None:
+def _write(out: Path, run: Run, given: Given | Stated, part: Estimating) -> None:
     if out.suffix.lower() == ".html":
         network = part.network
         positions = None if network is None or network.positions is None else network.positions
@@ -157,7 +160,7 @@ def _write(out: Path, run: Run, given: Given, part: Estimating) -> None:
         page = run_page(
             run,
             title=f"Simulation of {given.path.name}",
-            graph=part.problem.graph,
+            graph=part.graph,
             positions=positions,
             rate=run.attributes["guaranteed_rate"] or None,
             unit="" if network is None else network.unit,
@@ -167,9 +170,10 @@ def _write(out: Path, run: Run, given: Given, part: Estimating) -> None:
         save(run, out)
 
 
-def _show(run: Run, observer: NetworkObserver, given: Given, out: Path | None) -> None:
+def _show(run: Run, observer: NetworkObserver, given: Given | Stated, out: Path | None) -> None:
     values = facts(run, observer)
-    unit = "" if given.network is None or not given.network.unit else f" {given.network.unit}"
+    network = given.network if isinstance(given, Given) else None
+    unit = "" if network is None or not network.unit else f" {network.unit}"
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_row("engine", f"{run.path}, {len(run.names)} nodes, {run.times[-1]:g} s")
     table.add_row("error norm", f"{values['initial_error']:.4g}{unit} -> {values['final_error']:.4g}{unit}")

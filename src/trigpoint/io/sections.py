@@ -63,6 +63,27 @@ def _process(value: Any) -> Any:
     raise ValueError(f"got {shown(value)}, expected true, false or a number of at least 0")
 
 
+def _spectrum(value: Any) -> Any:
+    """Numbers, or pairs [real, imaginary], as complex numbers."""
+
+    def good(entry: Any) -> bool:
+        return _is_number(entry) or (isinstance(entry, list) and len(entry) == 2 and all(map(_is_number, entry)))
+
+    if isinstance(value, tuple):  # read before
+        return value
+    if not isinstance(value, list) or not value or not all(map(good, value)):
+        raise ValueError(f"got {shown(value)}, expected numbers or pairs [real, imaginary]")
+    return tuple(complex(*entry) if isinstance(entry, list) else complex(entry) for entry in value)
+
+
+def _arc_weights(value: Any) -> Any:
+    if value == "optimal" or _is_number(value):
+        return value
+    if isinstance(value, list) and value and all(map(_is_number, value)):
+        return value
+    raise ValueError(f"got {shown(value)}, expected 'optimal', a number, or one number an arc")
+
+
 Matrix = Annotated[Any, BeforeValidator(_matrix)]
 CovarianceMatrix = Annotated[Any, BeforeValidator(_covariance)]
 Numbers = Annotated[Any, AfterValidator(_numbers)]
@@ -96,17 +117,26 @@ class PlantSection(Section):
 class DesignSection(Section):
     """``[design]``: which observer, with which gain.
 
-    ``method`` names it; ``gain`` is "from-graph" (times ``margin``), "worst-case" (for up to ``max_nodes`` nodes) or a
-    number; arc ``weights`` are "unit" or "precision"; ``process`` and ``measurement`` are covariance matrices.
+    ``method`` names it (the one that fits the problem unless given); ``gain`` is "from-graph" (times ``margin``),
+    "worst-case" (for up to ``max_nodes`` nodes) or a number; arc ``weights`` are "unit" or "precision"; ``process`` and
+    ``measurement`` are covariance matrices. Other methods take a ``rate`` (1/s), ``eigenvalues``, a ``period`` (s),
+    ``rounds``, a ``scheme``, ``anchor_gain`` and ``arc_weights``; a key that the method does not take is an error.
     """
 
-    method: Annotated[str, Field(min_length=1)] = "local-kalman"
+    method: Annotated[str, Field(min_length=1)] | None = None
     gain: Annotated[Any, AfterValidator(_gain)] = "from-graph"
     margin: Annotated[float, Field(ge=1)] | None = None
     max_nodes: Annotated[int, Field(ge=1)] | None = None
     weights: Literal["unit", "precision"] = "unit"
     process: CovarianceMatrix | None = None
     measurement: CovarianceMatrix | None = None
+    rate: PositiveNumber | None = None
+    eigenvalues: Annotated[Any, BeforeValidator(_spectrum)] | None = None
+    period: PositiveNumber | None = None
+    rounds: Annotated[int, Field(ge=1)] | None = None
+    scheme: Annotated[str, Field(min_length=1)] | None = None
+    anchor_gain: Numbers | None = None
+    arc_weights: Annotated[Any, AfterValidator(_arc_weights)] | None = None
 
 
 class NoiseSection(Section):

@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from trigpoint.observers.assembled import AssembledObserver as AssembledObserver
     from trigpoint.observers.local import LocalArc as LocalArc
     from trigpoint.observers.local import LocalObserver as LocalObserver
     from trigpoint.observers.local import LocalState as LocalState
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from trigpoint.observers.run import Run as Run
 
 _HOME = {
+    "AssembledObserver": "assembled",
     "DesignResiduals": "network",
     "DiffusiveObserver": "network",
     "GeneralForm": "network",
