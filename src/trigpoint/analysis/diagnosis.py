@@ -23,7 +23,8 @@ class Finding:
         text: one sentence: what and why.
         remedy: what to add or change.
         direction: (len(nodes), n) the null vector: how the states of ``nodes`` can move without any measurement
-            noticing, scaled to unit length; complex where the mode is; None where no direction belongs to it.
+            noticing, scaled to unit length; complex where the mode is; None where no direction belongs to it. For a
+            shared plant (n, k): k directions of the plant's state that these agents cannot know.
     """
 
     kind: str

@@ -11,7 +11,7 @@ from trigpoint.arrays import FloatArray, IntArray, frozen
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.blocks import Blocks, block_diagonal, expand
-from trigpoint.linalg.ground_state import ground_state
+from trigpoint.linalg.ground_state import EngineName, ground_state
 from trigpoint.linalg.sparse import factorize
 from trigpoint.linalg.spectral import DENSE_LIMIT, smallest_eigenpair
 from trigpoint.linalg.verified import (
@@ -56,13 +56,18 @@ class EigenvalueBound:
         return 0.0 if self.value == 0.0 else (self.upper - self.lower) / self.value
 
 
-def smallest_eigenvalue(graph: MeasurementGraph) -> EigenvalueBound:
+def smallest_eigenvalue(graph: MeasurementGraph, *, engine: EngineName | None = None) -> EigenvalueBound:
     """Smallest eigenvalue of ``L = G W G^T`` with rigorous bounds, component by component.
 
     Dense up to 500 nodes, component by component; above, inverse iteration or Lanczos on the inverse, all from one
-    sparse factorization. The lower bound is the Collatz-Wielandt quotient ``min_i (L x)_i / x_i`` of a positive x close
-    to the solution of ``(L - s I) x = 1`` with s just below the eigenvalue; the upper bound is the smaller of the
-    quotient's maximum and the outward-rounded Rayleigh quotient summed arc by arc.
+    sparse factorization (from 100 000 nodes on with the extra ``fast``, an approximate one). The lower bound is the
+    Collatz-Wielandt quotient ``min_i (L x)_i / x_i`` of a positive x close to the ground state, or to the solution of
+    ``(L - s I) x = 1`` with s just below the eigenvalue; the upper bound is the smaller of the quotient's maximum and
+    the outward-rounded Rayleigh quotient summed arc by arc.
+
+    Args:
+        graph: the network; every component without an external arc gives 0.
+        engine: ``superlu`` or ``approx-chol``, instead of the rule of ``linalg.ground_state.choose_engine``.
 
     We assume:
         * weights as stored in the graph (unit weights where it has none): ``lambda_min`` of a measured network is
@@ -82,7 +87,7 @@ def smallest_eigenvalue(graph: MeasurementGraph) -> EigenvalueBound:
         return _floating(graph, unanchored)
     laplacian = graph.laplacian()
     if graph.n_nodes > DENSE_LIMIT and (graph.weight is None or graph.weight.ndim == 1):
-        return _large(graph, laplacian)
+        return _large(graph, laplacian, engine)
     value, vector, nodes = _over_components(graph, laplacian)
     residual = float(np.linalg.norm(laplacian @ vector - value * vector))
     if graph.weight is not None and graph.weight.ndim == 3:
@@ -95,10 +100,10 @@ def smallest_eigenvalue(graph: MeasurementGraph) -> EigenvalueBound:
     )
 
 
-def _large(graph: MeasurementGraph, laplacian: sp.csr_array) -> EigenvalueBound:
+def _large(graph: MeasurementGraph, laplacian: sp.csr_array, engine: EngineName | None) -> EigenvalueBound:
     """Scalar weights and many nodes: everything from one factorization of the whole L."""
     matrix = couplings(graph)
-    found = ground_state(matrix, laplacian)
+    found = ground_state(matrix, laplacian, engine)
     label = graph.component_labels[int(np.argmax(np.abs(found.vector)))]
     inside = graph.component_labels == label
     vector = np.where(inside, found.vector, 0.0)

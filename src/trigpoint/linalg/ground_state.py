@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 import scipy.linalg as la
@@ -11,12 +12,19 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from trigpoint.arrays import FloatArray, frozen
+from trigpoint.errors import ArgumentError
+from trigpoint.linalg import approximate
 from trigpoint.linalg.sparse import Factorization, factorize
 from trigpoint.linalg.spectral import DENSE_LIMIT
 from trigpoint.linalg.verified import Couplings, collatz_wielandt_lower, collatz_wielandt_upper, rayleigh_upper
 
+EngineName = Literal["superlu", "approx-chol"]
+
+_LARGE = 100_000
 _POWER_STEPS = 14
 _CONVERGED = 1e-11
+_CONVERGED_LARGE = 1e-7  # the polishing step that follows gains two more decades
+_TIGHT = 1e-7
 _LEAST_CONTRACTION = 0.35
 _DEFLATED = 4
 _SHIFTS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-4, 1e-2, 0.5)
@@ -27,14 +35,14 @@ _REFINEMENTS = 4
 
 @dataclass(frozen=True, eq=False)
 class GroundState:
-    """``lower <= smallest eigenvalue <= upper``, with what proves it.
+    """``lower <= smallest eigenvalue <= upper``, with what proves it; the bounds hold whichever engine computed it.
 
     Attributes:
         value: computed smallest eigenvalue.
         lower, upper: rigorous bounds.
         vector: (n,) unit eigenvector, its entries summing to something positive.
         positive: (n,) the positive vector x whose quotients ``(L x)_i / x_i`` prove ``lower``.
-        solves: triangular solves used, all with one factorization.
+        solves: solves with the (exact or approximate) factorization.
     """
 
     value: float
@@ -43,6 +51,34 @@ class GroundState:
     vector: FloatArray
     positive: FloatArray
     solves: int
+
+
+def _without_factorization(matrix: Couplings, stored: sp.sparray) -> GroundState:
+    """The same bounds from ``linalg.approximate``: a polished eigenvector, or ``(L - s I) x = 1`` with s below it."""
+    system = approximate.preconditioned(stored)
+    value, inner, steps = approximate.lowest_pair(system)
+
+    def accurate(x: FloatArray) -> FloatArray:
+        return system.inner(matrix.apply(system.outer(x))[0])
+
+    polished = approximate.solved(system, inner, inner / value, 1e-10, accurate)
+    positive = _scaled(system.outer(polished))
+    lower = collatz_wielandt_lower(matrix, positive)
+    upper = min(rayleigh_upper(matrix, positive), collatz_wielandt_upper(matrix, positive))
+    vector = positive
+    if not lower > upper * (1.0 - _LOOSE):
+        vector = system.outer(inner)
+        upper = min(upper, rayleigh_upper(matrix, vector))
+        for shift in (1e-7, 1e-6, 1e-5, 1e-4, 1e-2, 0.5):
+            x = system.outer(approximate.shifted_solution(system, inner, value, value * (1.0 - shift)))
+            bound = collatz_wielandt_lower(matrix, _scaled(x))
+            if bound > lower:
+                lower, positive = bound, _scaled(x)
+            if lower > value * (1.0 - 4.0 * shift):
+                break
+    if vector.sum() < 0:
+        vector = -vector
+    return _result(matrix, lower, upper, vector, positive, steps)
 
 
 class _Counted:
@@ -58,7 +94,38 @@ class _Counted:
         return self.factor.solve(rhs)
 
 
-def ground_state(matrix: Couplings, stored: sp.sparray) -> GroundState:
+@dataclass(frozen=True)
+class Engine:
+    """Which engine computes a ground state, and why.
+
+    Attributes:
+        name: ``superlu`` (exact factorization, always there) or ``approx-chol`` (the extra ``fast``).
+        reason: the rule's reason, in words.
+    """
+
+    name: EngineName
+    reason: str
+
+
+def choose_engine(size: int, wanted: EngineName | None = None) -> Engine:
+    """The rule: ``approx-chol`` from 200 000 rows on where it is installed, ``superlu`` otherwise.
+
+    Args:
+        size: number of rows.
+        wanted: an engine by name overrides the rule; one that is missing is then a MissingExtraError.
+    """
+    if wanted is not None:
+        if wanted not in get_args(EngineName):
+            raise ArgumentError(f"engine must be one of {', '.join(get_args(EngineName))}; got {wanted!r}")
+        return Engine(wanted, "asked for")
+    if size < _LARGE:
+        return Engine("superlu", f"below {_LARGE} rows an exact factorization is as fast")
+    if not approximate.available():
+        return Engine("superlu", "the extra 'fast' is not installed")
+    return Engine("approx-chol", f"from {_LARGE} rows on, one eigenpair needs no exact factorization")
+
+
+def ground_state(matrix: Couplings, stored: sp.sparray, engine: EngineName | None = None) -> GroundState:
     """Smallest eigenvalue of a positive definite M-matrix ``L``, with rigorous bounds, from one factorization.
 
     Inverse iteration ``z = L^-1 u`` from ``u = 1`` stays positive and its quotients ``u_i / z_i`` enclose the
@@ -71,6 +138,7 @@ def ground_state(matrix: Couplings, stored: sp.sparray) -> GroundState:
     Args:
         matrix: L by its couplings, for the bounds.
         stored: the same L as a sparse matrix, for the factorization.
+        engine: overrides the rule of ``choose_engine``.
 
     We assume:
         * every part of L is grounded (L is positive definite).
@@ -78,12 +146,16 @@ def ground_state(matrix: Couplings, stored: sp.sparray) -> GroundState:
     Cost: one sparse factorization and 6 to 100 solves (a second one only where the bound stays loose: weights of
     very different sizes). Source: Barta1937; Collatz1942 and Wielandt1950; theory 8-G1.
     """
+    if choose_engine(matrix.size, engine).name == "approx-chol":
+        return _without_factorization(matrix, stored)
     factor = _Counted(factorize(stored))
     power, contracts = _inverse_iteration(factor, matrix.size)
     if contracts:
         power = _polished(matrix, factor, power)
-        lower, positive = _lifted(matrix, power, factor.solve(np.ones(matrix.size)))
         upper = min(rayleigh_upper(matrix, power), collatz_wielandt_upper(matrix, power))
+        lower, positive = collatz_wielandt_lower(matrix, power), power
+        if matrix.size < _LARGE or not lower > upper * (1.0 - _TIGHT):
+            lower, positive = _lifted(matrix, power, factor.solve(np.ones(matrix.size)))
         if lower > upper * (1.0 - _LOOSE):
             return _result(matrix, lower, upper, power, positive, factor.count)
     values, vectors = _lowest(factor, stored, power)
@@ -106,6 +178,7 @@ def _result(
 def _inverse_iteration(factor: _Counted, size: int) -> tuple[FloatArray, bool]:
     """The last positive iterate, and whether its quotients closed up geometrically."""
     vector, last = np.ones(size), np.inf
+    goal = _CONVERGED if size < _LARGE else _CONVERGED_LARGE
     for _ in range(_POWER_STEPS):
         image = factor.solve(vector)
         if not (np.isfinite(image).all() and (image > 0).all()):
@@ -113,10 +186,10 @@ def _inverse_iteration(factor: _Counted, size: int) -> tuple[FloatArray, bool]:
         quotient = vector / image
         vector = image / image.max()
         spread = float(quotient.max() / quotient.min()) - 1.0
-        if spread < _CONVERGED:
+        if spread < goal:
             return vector, True
         if spread > max(_LEAST_CONTRACTION * last, 0.0) and last < 1e3:
-            return vector, spread < 1e2 * _CONVERGED
+            return vector, spread < 1e2 * goal
         last = spread
     return vector, False
 
@@ -124,7 +197,7 @@ def _inverse_iteration(factor: _Counted, size: int) -> tuple[FloatArray, bool]:
 def _polished(matrix: Couplings, factor: _Counted, vector: FloatArray) -> FloatArray:
     """One more inverse iteration with two steps of refinement, the residual taken coupling by coupling."""
     image = factor.solve(vector)
-    for _ in range(2):
+    for _ in range(2 if matrix.size < _LARGE else 1):
         image = image + factor.solve(vector - matrix.apply(image)[0])
     return _scaled(image)
 
