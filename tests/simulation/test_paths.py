@@ -119,12 +119,12 @@ SIZES = [pytest.param(120, 100, id="small"), pytest.param(1501, 1500, id="large"
 @pytest.mark.parametrize("agent", [LinearAgent.static(), DOUBLE_INTEGRATOR], ids=["static", "double integrator"])
 def test_large_networks_follow_their_exact_modes(monkeypatch, agent, n, limit) -> None:
     """Above 1500 states (here lowered) the implicit Runge-Kutta path runs; the chain's modes have a closed form."""
-    monkeypatch.setattr(stacked, "_DENSE_LIMIT", limit)
+    monkeypatch.setattr(stacked, "DENSE_LIMIT", limit)
     observer = design(NetworkedAgents(chain(n), agent), LocalKalman(Fixed(2.0)))
     values, vectors = chain_modes(n)
     error = np.random.default_rng(3).normal(size=(n, agent.n_states))
     times = np.array([0.0, 0.2, 1.0, 3.0])
-    run = simulate(observer.problem, observer, Scenario(times, error))
+    run = simulate(observer.problem, observer, Scenario(times, error, path="stacked"))
     amplitudes = vectors.T @ error
     modes = agent.A - observer.gain * values[:, None, None] * (observer.injection @ agent.C)
     for k, time in enumerate(times):
@@ -134,11 +134,11 @@ def test_large_networks_follow_their_exact_modes(monkeypatch, agent, n, limit) -
 
 @pytest.mark.parametrize(("n", "limit"), SIZES)
 def test_large_networks_settle_where_contradicting_readings_say(monkeypatch, n, limit) -> None:
-    monkeypatch.setattr(stacked, "_DENSE_LIMIT", limit)
+    monkeypatch.setattr(stacked, "DENSE_LIMIT", limit)
     observer = design(NetworkedAgents(chain(n), LinearAgent.static()), LocalKalman(Fixed(1.0)))
     values, vectors = chain_modes(n)
     offset = np.random.default_rng(4).normal(size=n)
-    run = simulate(observer.problem, observer, Scenario([0.0, 2.5], 0.0, 0.0, measurements=offset))
+    run = simulate(observer.problem, observer, Scenario([0.0, 2.5], 0.0, 0.0, measurements=offset, path="stacked"))
     push = vectors.T @ (observer.graph.incidence() @ offset)
     exact = vectors @ (push * -np.expm1(-values * 2.5) / values)
     assert np.abs(run.error[0]).max() == 0.0
@@ -146,7 +146,7 @@ def test_large_networks_settle_where_contradicting_readings_say(monkeypatch, n, 
 
 
 def test_the_change_of_integrator_is_where_the_documentation_says() -> None:
-    assert stacked._DENSE_LIMIT == 1500
+    assert stacked.DENSE_LIMIT == 1500
     assert "1500 states" in stacked.continuous.__doc__
 
 

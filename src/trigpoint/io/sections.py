@@ -163,7 +163,7 @@ class SimulateSection(Section):
     noise: NoiseSection = NoiseSection()
     loss: Annotated[float, Field(ge=0, le=1)] = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
-    path: Literal["auto", "stacked", "reference"] = "auto"
+    path: Literal["auto", "stacked", "modal", "reference"] = "auto"
 
     @model_validator(mode="after")
     def _one_way_to_say_when(self) -> SimulateSection:

@@ -93,6 +93,8 @@ class NetworkedAgents:
     def stacked_output(self) -> sp.csr_array:
         """``C = G^T (x) C_1`` (in general ``(G^T (x) I_p) blockdiag(C_i)``): sparse (M p, sum n_i)."""
         differences = expand(sp.csr_array(self.graph.incidence().T), self.n_outputs)
+        if self.is_homogeneous:
+            return sp.csr_array(differences @ repeat_diagonal(self.graph.n_nodes, self.agents[0].C))
         return sp.csr_array(differences @ diagonal_of(agent.C for agent in self.agents))
 
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from trigpoint.arrays import FloatArray, as_floats
 from trigpoint.errors import ArgumentError
 
-Path = Literal["auto", "stacked", "reference"]
-_PATHS = ("auto", "stacked", "reference")
+Path = Literal["auto", "stacked", "modal", "reference"]
+_PATHS = ("auto", "stacked", "modal", "reference")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,8 @@ class Scenario:
         inputs: (N, m) known inputs, constant in time; None for none.
         measurements: (M, p) recorded readings, constant in time, instead of simulated ones (static states only).
         seed: of everything random; equal seeds give equal runs.
-        path: ``stacked`` (sparse matrices), ``reference`` (each local observer by itself, with messages), or ``auto``.
+        path: ``stacked`` (sparse matrices), ``modal`` (equal agents mode by mode, continuous exchange), ``reference``
+            (each local observer by itself, with messages), or ``auto``.
 
     Raises:
         ArgumentError: times that do not ascend, a period that is not positive, an unknown path, noise or loss

@@ -18,7 +18,7 @@ from trigpoint.simulation.plant import Disturbances, Plant
 from trigpoint.simulation.scenario import Scenario
 
 Progress = Callable[[Iterable[Tick]], Iterable[Tick]]
-_DENSE_LIMIT = 1500
+DENSE_LIMIT = 1500
 
 Series = tuple[FloatArray, FloatArray, IntArray]
 """(T, N, n) truth, (T, N, n) estimate, (T, N) messages sent."""
@@ -33,10 +33,7 @@ def continuous(
     implicit Runge-Kutta method (Radau, relative tolerance 1e-10) with the sparse Jacobian H.
     """
     H = observer.error_matrix()
-    constant = np.zeros(H.shape[0])
-    if plant.recorded is not None:
-        offset = plant.recorded - (plant.output @ truth.ravel()).reshape(plant.readings_shape)
-        constant = observer.reading_matrix() @ offset.ravel()
+    constant = constant_error(observer, plant, truth)
     start = (estimate - truth).ravel()
     errors = error_series(H, constant, start, scenario.times)
     states = np.stack([plant.advance(truth, time) for time in scenario.times.tolist()])
@@ -44,9 +41,17 @@ def continuous(
     return states, states + table, np.zeros(table.shape[:2], dtype=np.int64)
 
 
+def constant_error(observer: DiffusiveObserver, plant: Plant, truth: FloatArray) -> FloatArray:
+    """``K d`` (N n,), d the constant error of recorded readings; zero without."""
+    if plant.recorded is None:
+        return np.zeros(truth.size)
+    offset = plant.recorded - (plant.output @ truth.ravel()).reshape(plant.readings_shape)
+    return np.asarray(observer.reading_matrix() @ offset.ravel())
+
+
 def error_series(H: sp.csr_array, constant: FloatArray, start: FloatArray, times: FloatArray) -> FloatArray:
     """(T, n) solution of ``e' = H e + constant`` at ``times``: by exponentials up to 1500 states, above by Radau."""
-    solve = _by_exponentials if H.shape[0] <= _DENSE_LIMIT else _by_radau
+    solve = _by_exponentials if H.shape[0] <= DENSE_LIMIT else _by_radau
     return solve(H, constant, start, times)
 
 

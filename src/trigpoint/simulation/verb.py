@@ -12,7 +12,7 @@ from trigpoint.model import NetworkedAgents
 from trigpoint.observers.assembled import AssembledObserver, Problem, channels_of
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 from trigpoint.observers.run import Run
-from trigpoint.simulation import programs, stacked
+from trigpoint.simulation import modal, programs, stacked
 from trigpoint.simulation.clockwork import Tick
 from trigpoint.simulation.plant import Plant, node_table
 from trigpoint.simulation.scenario import Scenario
@@ -26,9 +26,10 @@ def _silent(ticks: Iterable[Tick]) -> Iterable[Tick]:
 def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *, progress: Progress = _silent) -> Run:
     """Run ``observer`` on ``problem`` and record truth and estimates at the scenario's times.
 
-    Paths: ``stacked`` works on all nodes at once; ``reference`` steps each local observer by itself with messages in
-    between and is the oracle. ``auto`` takes ``reference`` where messages are lost, else ``stacked``; ``run.path``
-    names what ran.
+    Paths: ``stacked`` works on all nodes at once; ``modal`` on equal agents mode by mode, with an error estimate in the
+    run's attributes; ``reference`` steps each local observer by itself with messages in between and is the oracle.
+    ``auto`` takes ``reference`` where messages are lost, ``modal`` above 1500 states where it can, else ``stacked``;
+    ``run.path`` names what ran.
 
     Args:
         problem: the network the truth follows.
@@ -62,9 +63,11 @@ def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *,
     plant = Plant.of(problem, scenario)
     truth = node_table("initial_state", scenario.initial_state, problem.states)
     estimate = truth + node_table("initial_error", scenario.initial_error, problem.states)
-    path = _chosen_path(scenario)
+    path, gap = _chosen_path(scenario, observer), None
     if path == "reference":
         truths, estimates, messages = programs.run(observer.as_programs(), scenario, path, progress)
+    elif path == "modal":
+        (truths, estimates, messages), gap = modal.continuous(observer, plant, scenario, truth, estimate)
     elif scenario.period is None:
         truths, estimates, messages = stacked.continuous(observer, plant, scenario, truth, estimate)
     else:
@@ -72,13 +75,20 @@ def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *,
     anchored = problem.graph.component_is_anchored[problem.graph.component_labels]
     status = np.broadcast_to(np.where(anchored, "anchored", "relative"), messages.shape)
     return Run(
-        scenario.times, truths, estimates, messages, status, problem.graph.names, path, _attributes(observer, scenario)
+        scenario.times,
+        truths,
+        estimates,
+        messages,
+        status,
+        problem.graph.names,
+        path,
+        _attributes(observer, scenario, gap),
     )
 
 
 def _run_programs(problem: Problem, observer: AssembledObserver, scenario: Scenario, progress: Progress) -> Run:
     _check_problem(problem, observer)
-    path = _chosen_path(scenario)
+    path = _chosen_path(scenario, observer)
     truths, estimates, messages = programs.run(observer, scenario, path, progress)
     status = np.broadcast_to("anchored", messages.shape)
     if isinstance(problem, NetworkedAgents):
@@ -97,13 +107,21 @@ def _check_problem(problem: Problem, observer: AssembledObserver) -> None:
         raise ArgumentError("the observer belongs to another problem: its names, dynamics or outputs differ")
 
 
-def _chosen_path(scenario: Scenario) -> str:
+def _chosen_path(scenario: Scenario, observer: NetworkObserver) -> str:
+    """The rule: messages that get lost need ``reference``, many equal agents take ``modal``, all else ``stacked``."""
     lossy = scenario.channel is not None and scenario.channel.loss > 0.0
     if scenario.path == "stacked" and lossy:
         raise ArgumentError("the stacked path knows no message loss; use path='reference' or 'auto'")
-    if scenario.path == "auto":
-        return "reference" if lossy else "stacked"
-    return scenario.path
+    splits = isinstance(observer, DiffusiveObserver) and observer.graph.dimension == 1 and scenario.period is None
+    if scenario.path == "modal" and not splits:
+        raise ArgumentError(
+            "the modal path is for equal agents with one gain, scalar weights and continuous exchange; use path='auto'"
+        )
+    if scenario.path != "auto":
+        return scenario.path
+    if lossy:
+        return "reference"
+    return "modal" if splits and observer.error_matrix().shape[0] > stacked.DENSE_LIMIT else "stacked"
 
 
 def _check_model(problem: NetworkedAgents, designed: NetworkedAgents) -> None:
@@ -127,8 +145,9 @@ def _check_noise(scenario: Scenario) -> None:
         raise ArgumentError("with process noise the output times must be multiples of the period")
 
 
-def _attributes(observer: DiffusiveObserver, scenario: Scenario) -> dict[str, Any]:
-    return {"gain": observer.gain, "period": scenario.period, **_facts(observer, scenario)}
+def _attributes(observer: DiffusiveObserver, scenario: Scenario, gap: float | None) -> dict[str, Any]:
+    known = {"gain": observer.gain, "period": scenario.period, **_facts(observer, scenario)}
+    return known if gap is None else {**known, "error_estimate": gap}
 
 
 def _facts(observer: NetworkObserver, scenario: Scenario) -> dict[str, Any]:
