@@ -23,7 +23,10 @@ def designed(graph, agent) -> DiffusiveObserver:
     return tp.design(tp.NetworkedAgents(graph, agent), tp.methods.LocalKalman())
 
 
-@given(measurement_graphs(max_nodes=9, externally_connected=True), st.sampled_from([DOUBLE, WAVY, tp.LinearAgent.static(2)]))
+@given(
+    measurement_graphs(max_nodes=9, externally_connected=True),
+    st.sampled_from([DOUBLE, WAVY, tp.LinearAgent.static(2)]),
+)
 @settings(max_examples=40, deadline=None)
 def test_modal_and_stacked_agree(graph, agent) -> None:
     observer = designed(graph, agent)

@@ -5,11 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 from trigpoint.errors import ArgumentError
+from trigpoint.methods.accelerated import Accelerated
 from trigpoint.methods.base import Method
+from trigpoint.methods.integrator import IntegratorObserver
 from trigpoint.methods.local_kalman import LocalKalman
+from trigpoint.methods.sampled import DiscreteKalman, Sampled
+from trigpoint.methods.weighted import Weighted
 from trigpoint.observers.network import NetworkObserver
 
-METHODS: tuple[type[Method], ...] = (LocalKalman,)
+METHODS: tuple[type[Method], ...] = (
+    LocalKalman,
+    Weighted,
+    IntegratorObserver,
+    Sampled,
+    DiscreteKalman,
+    Accelerated,
+)
 
 
 def design(problem: Any, method: Any) -> NetworkObserver:

@@ -179,6 +179,8 @@ class LocalObserver:
         correction, heard = self._correction(state.estimate, inbox, readings)
         transition, drive, phi = self._maps(heard, float(duration))
         value = transition @ state.estimate + drive @ self._drive(u) + phi @ correction
+        if self.acceleration is not None:
+            value = accelerated(value, state.estimate, chebyshev_factor(state.sequence, self.acceleration))
         return LocalState(state.time + duration, state.sequence + 1, frozen(value))
 
     def _drive(self, u: FloatArray | None) -> FloatArray:
@@ -279,6 +281,25 @@ class LocalObserver:
             raise ProtocolError(f"acceleration must be null or a number between 0 and 1; got {acceleration!r}")
         feedthrough = tuple(_labelled(document, n if readout is None else readout.shape[0]))
         return LocalObserver(name, A, B, tuple(_read_arcs(arcs, n)), readout, feedthrough, exchange, acceleration)
+
+
+def chebyshev_factor(sequence: int, rho: float) -> float:
+    """Factor omega of exchange number ``sequence`` (0, 1, ...) of the semi-iteration for the contraction ``rho``.
+
+    ``omega_0 = 1``, then ``(2 / rho) T_k(1 / rho) / T_{k+1}(1 / rho)``, T the Chebyshev polynomials.
+    Source: Golub and Varga 1961, key GolubVarga1961; theory 7-H4.
+    """
+    if sequence == 0:
+        return 1.0
+    theta = np.arccosh(1.0 / rho)
+    share = (1.0 + np.exp(-2.0 * sequence * theta)) / (1.0 + np.exp(-2.0 * (sequence + 1) * theta))
+    return float(2.0 / rho * np.exp(-theta) * share)
+
+
+def accelerated(value: FloatArray, before: FloatArray, omega: float) -> FloatArray:
+    """``x+ = omega x_new + (1 - omega) x_last`` for ``z = (x, x_last)``: ``value`` after, z ``before`` the exchange."""
+    half = value.shape[0] // 2
+    return np.concatenate([omega * value[:half] + (1.0 - omega) * before[half:], value[half:]])
 
 
 def _innovation(

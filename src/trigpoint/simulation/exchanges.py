@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from trigpoint.arrays import FloatArray
 from trigpoint.linalg.blocks import diagonal_of
 from trigpoint.observers.assembled import AssembledObserver
-from trigpoint.observers.local import LocalObserver, LocalState, Message
+from trigpoint.observers.local import LocalObserver, LocalState, Message, accelerated, chebyshev_factor
 from trigpoint.simulation.clockwork import ticks
 from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.stacked import Progress, Series
@@ -109,6 +109,7 @@ class AtOnce:
             ]
         )
         self._maps: dict[float, _Maps] = {}
+        self._count = 0
 
     def exchange(self, readings: Readings, lost: set[tuple[str, str]]) -> None:  # noqa: ARG002 (none is lost here)
         """All corrections."""
@@ -120,11 +121,19 @@ class AtOnce:
         if duration == 0.0:
             return self._value
         transition, drive, phi = self._known(duration)
-        return np.asarray(transition @ self._value + drive + phi @ self._correction)
+        value = np.asarray(transition @ self._value + drive + phi @ self._correction)
+        rho = self._observer.nodes[0].acceleration
+        return value if rho is None else self._accelerated(value, chebyshev_factor(self._count, rho))
 
     def settle(self, duration: float) -> None:
         """Go on."""
         self._value = self.after(duration)
+        self._count += 1
+
+    def _accelerated(self, value: FloatArray, omega: float) -> FloatArray:
+        cuts = self._observer.states.starts[1:-1]
+        pairs = zip(np.split(value, cuts), np.split(self._value, cuts), strict=True)
+        return np.concatenate([accelerated(after, before, omega) for after, before in pairs])
 
     def _known(self, duration: float) -> _Maps:
         if duration not in self._maps:

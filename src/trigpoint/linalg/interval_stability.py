@@ -1,0 +1,93 @@
+"""Is ``M_0 + s M_1`` a contraction for every s of an interval? Proved piece by piece, or left undecided."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+
+from trigpoint.arrays import FloatArray
+from trigpoint.linalg.verified import gam, is_positive_definite
+
+_DEPTH = 60
+_PIECES = 4000
+_INPUT_ERROR = 2.0**-44  # relative; M_0 and M_1 come out of exponentials
+
+
+@dataclass(frozen=True)
+class IntervalVerdict:
+    """Whether the spectral radius is below 1 on the whole interval.
+
+    Attributes:
+        stable: True (proved), False (a point with a radius above 1 was found) or None (neither).
+        radius: largest computed spectral radius seen.
+        at: where it was seen.
+        pieces: subintervals used by the proof.
+    """
+
+    stable: bool | None
+    radius: float
+    at: float
+    pieces: int
+
+
+def contraction_on_interval(M0: FloatArray, M1: FloatArray, low: float, high: float) -> IntervalVerdict:
+    """Decide whether every ``M(s) = M0 + s M1`` with ``low <= s <= high`` has spectral radius below 1.
+
+    For a fixed P > 0 the matrix ``M(s)' P M(s) - P`` is convex in s, so that its being negative definite at both ends
+    of a piece proves the piece. P solves the Lyapunov equation of the piece's middle; pieces are halved until each is
+    proved, a point with radius above 1 is met, or there are too many.
+
+    Args:
+        M0, M1: (n, n).
+        low, high: ends of the interval.
+
+    Cost: O(n^3) a piece. Source: convexity; Rump2006 for the definiteness.
+    """
+    samples = np.linspace(low, high, 65)
+    radii = [_radius(M0 + s * M1) for s in samples]
+    worst = int(np.argmax(radii))
+    radius, at = float(radii[worst]), float(samples[worst])
+    if radius >= 1.0:
+        return IntervalVerdict(False if radius > 1.0 + 1e-12 else None, radius, at, 0)
+    waiting, pieces = [(low, high, 0)], 0
+    while waiting:
+        left, right, depth = waiting.pop()
+        pieces += 1
+        if pieces > _PIECES or depth > _DEPTH:
+            return IntervalVerdict(None, radius, at, pieces)
+        middle = 0.5 * (left + right)
+        here = _radius(M0 + middle * M1)
+        if here > radius:
+            radius, at = here, middle
+        if here >= 1.0:
+            return IntervalVerdict(False if here > 1.0 + 1e-12 else None, radius, at, pieces)
+        P = _lyapunov(M0 + middle * M1)
+        if P is not None and all(_contracts(P, M0, M1, s) for s in (left, right)):
+            continue
+        waiting += [(left, middle, depth + 1), (middle, right, depth + 1)]
+    return IntervalVerdict(True, radius, at, pieces)
+
+
+def _radius(M: FloatArray) -> float:
+    return float(np.abs(np.linalg.eigvals(M)).max(initial=0.0))
+
+
+def _lyapunov(M: FloatArray) -> FloatArray | None:
+    try:
+        P = la.solve_discrete_lyapunov(M.T, np.eye(M.shape[0]))
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    P = 0.5 * (P + P.T)
+    return P if is_positive_definite(P) else None
+
+
+def _contracts(P: FloatArray, M0: FloatArray, M1: FloatArray, s: float) -> bool:
+    """Prove ``P - M' P M > 0`` at s, rounding and a relative error of the inputs included."""
+    M = M0 + s * M1
+    size = np.abs(M0) + abs(s) * np.abs(M1)
+    decrease = P - M.T @ P @ M
+    spread = size.T @ np.abs(P) @ size + np.abs(P)
+    radius = (gam(8.0 * P.shape[0] + 32.0) + 2.0 * _INPUT_ERROR) * spread * 1.01
+    return is_positive_definite(0.5 * (decrease + decrease.T), radius)
