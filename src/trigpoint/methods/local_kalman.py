@@ -14,6 +14,7 @@ from trigpoint.analysis import smallest_eigenvalue
 from trigpoint.analysis.eigenvalue import EigenvalueBound
 from trigpoint.analysis.modes import computed_abscissa, guaranteed_rate
 from trigpoint.analysis.pairs import pair_margin
+from trigpoint.analysis.thresholds import lmi_threshold, stable_gains
 from trigpoint.arrays import FloatArray, as_matrix, frozen
 from trigpoint.errors import ArgumentError, MethodError
 from trigpoint.linalg.equations import filter_riccati, filter_riccati_residual
@@ -23,6 +24,7 @@ from trigpoint.model import LinearAgent, NetworkedAgents
 from trigpoint.observers.network import DiffusiveObserver
 
 _NAME = "LocalKalman"
+_EXACT_STATES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +97,11 @@ class LocalKalman(Method):
             spectral_abscissa=computed_abscissa(
                 problem.graph, agent.A, injection, agent.C, choice.gain, bound.value
             ),
-            facts={**facts, **_gain_facts(agent, Q, information, choice, bound)},
+            facts={
+                **facts,
+                **_gain_facts(agent, Q, information, choice, bound),
+                **_thresholds(agent, Q, information, injection, bound),
+            },
         )  # fmt: skip
 
     def _accepted(self, problem: Any) -> LinearAgent:
@@ -188,6 +194,19 @@ def _is_clearly_hurwitz(agent: LinearAgent) -> bool:
     """Real parts below zero by more than rounding, as in ``diagnose``: an oscillator's computed ones may be -1e-17."""
     size = float(np.linalg.norm(np.vstack([agent.A, agent.C]), 2))
     return bool(np.linalg.eigvals(agent.A).real.max() < -1e-9 * size)
+
+
+def _thresholds(
+    agent: LinearAgent, Q: FloatArray, information: FloatArray, injection: FloatArray, bound: EigenvalueBound
+) -> Mapping[str, Any]:
+    """How much smaller the gain could be (E-000-12): the bound for this very Q, and the exact one for a fixed graph."""
+    if bound.lower <= 0.0:
+        return {}
+    exact = stable_gains(agent.A, injection, agent.C).threshold if agent.n_states <= _EXACT_STATES else None
+    return {
+        "gain_bound_for_this_filter": lmi_threshold(agent.A, Q, information) / bound.lower,
+        "gain_threshold_exact": None if exact is None else exact / bound.value,
+    }
 
 
 def _gain_facts(
