@@ -6,14 +6,26 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from trigpoint.errors import ArgumentError
 from trigpoint.io.sections import DesignSection
 from trigpoint.methods import (
+    Accelerated,
+    Centralised,
+    CouplingGain,
+    DiscreteKalman,
     Fixed,
     FromGraph,
     GainRule,
+    Heterogeneous,
+    IntegratorObserver,
     LocalKalman,
     Method,
+    ProjectedConsensus,
+    Sampled,
+    SccCascade,
+    SpectrumAssignment,
     WorstCase,
 )
 from trigpoint.model import NetworkedAgents, SharedPlant
@@ -25,19 +37,57 @@ _EVERYWHERE = {"method", "weights"}
 
 @dataclass(frozen=True)
 class Row:
-    """How the table's keys make one method, and which keys it takes."""
+    """How the table's keys make one method for a problem, and which keys it takes."""
 
-    make: Callable[[DesignSection], Method]
+    make: Callable[[DesignSection, Any], Method]
     keys: tuple[str, ...]
 
 
-def _local_kalman(design: DesignSection) -> Method:
+def _local_kalman(design: DesignSection, _: Any) -> LocalKalman:
     return LocalKalman(gain=gain_rule(design), process=design.process, measurement=design.measurement)
+
+
+def _sampled(design: DesignSection, problem: Any) -> Method:
+    form: Any = "held" if design.scheme is None else design.scheme
+    return Sampled(_needed(design, "period"), form, _local_kalman(design, problem))
+
+
+def _accelerated(design: DesignSection, _: Any) -> Method:
+    scheme: Any = "heavy-ball" if design.scheme is None else design.scheme
+    return Accelerated(scheme, period=1.0 if design.period is None else design.period)
+
+
+def _spectrum(design: DesignSection, problem: Any) -> Method:
+    """Without a list: real eigenvalues from ``-2 rate`` to ``-rate``."""
+    if design.eigenvalues is not None:
+        return SpectrumAssignment(design.eigenvalues)
+    rate = 1.0 if design.rate is None else design.rate
+    count = problem.n_agents * problem.n_states if isinstance(problem, SharedPlant) else 1
+    return SpectrumAssignment(np.linspace(-2.0 * rate, -rate, count).tolist())
+
+
+def _centralised(design: DesignSection, _: Any) -> Method:
+    kind: Any = "full" if design.scheme is None else design.scheme
+    return Centralised(kind, design.eigenvalues, design.rate)
 
 
 ROWS: dict[str, Row] = {
     "local-kalman": Row(_local_kalman, (*_GAIN, *_COVARIANCES)),
+    "integrator": Row(lambda d, _: IntegratorObserver(d.arc_weights, d.anchor_gain), ("arc_weights", "anchor_gain")),
+    "sampled": Row(_sampled, (*_GAIN, *_COVARIANCES, "period", "scheme")),
+    "discrete-kalman": Row(lambda d, _: DiscreteKalman(d.period or 1.0, d.process), ("period", "process")),
+    "accelerated": Row(_accelerated, ("scheme", "period")),
+    "heterogeneous": Row(lambda d, _: Heterogeneous(d.rate or 0.0), ("rate",)),
+    "spectrum-assignment": Row(_spectrum, ("eigenvalues", "rate")),
+    "coupling-gain": Row(lambda d, _: CouplingGain(_needed(d, "rate")), ("rate",)),
+    "projected-consensus": Row(
+        lambda d, _: ProjectedConsensus(_needed(d, "rate"), _needed(d, "period"), d.rounds),
+        ("rate", "period", "rounds"),
+    ),
+    "scc-cascade": Row(lambda d, _: SccCascade(_needed(d, "rate")), ("rate",)),
+    "centralised": Row(_centralised, ("scheme", "eigenvalues", "rate")),
 }
+"""Every method but ``weighted``, which is ``local-kalman`` with ``weights = "precision"`` here."""
 
 
 def method_of(design: DesignSection, problem: Any) -> Method:
@@ -49,7 +99,7 @@ def method_of(design: DesignSection, problem: Any) -> Method:
     for key in sorted(design.model_fields_set - _EVERYWHERE):
         if key not in row.keys and getattr(design, key) is not None:
             raise ArgumentError(f"{key!r} does not belong to the method {label!r}; it takes {', '.join(row.keys)}")
-    return row.make(design)
+    return row.make(design, problem)
 
 
 def label_of(design: DesignSection, problem: Any) -> str:
@@ -72,3 +122,14 @@ def gain_rule(design: DesignSection) -> GainRule:
             raise ArgumentError("gain 'worst-case' needs max_nodes (--max-nodes): the largest network it must serve")
         return WorstCase(design.max_nodes, margin)
     return Fixed(float(design.gain))
+
+
+def _needed(design: DesignSection, key: str) -> float:
+    value = getattr(design, key)
+    if value is None:
+        raise ArgumentError(f"the method {design.method!r} needs {key!r} in [design]" + _option(key))
+    return float(value)
+
+
+def _option(key: str) -> str:
+    return " (or --rate)" if key == "rate" else ""

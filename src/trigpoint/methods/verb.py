@@ -7,9 +7,15 @@ from typing import Any
 from trigpoint.errors import ArgumentError
 from trigpoint.methods.accelerated import Accelerated
 from trigpoint.methods.base import Method
+from trigpoint.methods.centralised import Centralised
+from trigpoint.methods.coupling_gain import CouplingGain
+from trigpoint.methods.heterogeneous import Heterogeneous
 from trigpoint.methods.integrator import IntegratorObserver
 from trigpoint.methods.local_kalman import LocalKalman
+from trigpoint.methods.projected_consensus import ProjectedConsensus
 from trigpoint.methods.sampled import DiscreteKalman, Sampled
+from trigpoint.methods.scc_cascade import SccCascade
+from trigpoint.methods.spectrum_assignment import SpectrumAssignment
 from trigpoint.methods.weighted import Weighted
 from trigpoint.observers.network import NetworkObserver
 
@@ -20,6 +26,12 @@ METHODS: tuple[type[Method], ...] = (
     Sampled,
     DiscreteKalman,
     Accelerated,
+    Heterogeneous,
+    SpectrumAssignment,
+    CouplingGain,
+    ProjectedConsensus,
+    SccCascade,
+    Centralised,
 )
 
 
