@@ -55,6 +55,7 @@ _HOME = {
     "load": "io",
     "measurement_nodes": "analysis",
     "recommend_anchors": "analysis",
+    "noise_budget": "analysis",
     "recommend_arcs": "analysis",
     "redundancy": "analysis",
     "reproduce": "papers",
@@ -84,6 +85,7 @@ if TYPE_CHECKING:
     from trigpoint.analysis import fixed_modes as fixed_modes
     from trigpoint.analysis import gain_bound as gain_bound
     from trigpoint.analysis import measurement_nodes as measurement_nodes
+    from trigpoint.analysis import noise_budget as noise_budget
     from trigpoint.analysis import recommend_anchors as recommend_anchors
     from trigpoint.analysis import recommend_arcs as recommend_arcs
     from trigpoint.analysis import redundancy as redundancy

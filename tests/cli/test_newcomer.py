@@ -118,14 +118,17 @@ def test_check_names_what_must_not_fail_and_what_to_add():
     assert '"single_anchor_components": [' in run("check", EXAMPLES / "levelling.csv", "--json").stdout
 
 
-def test_a_plant_is_checked_and_not_simulated():
+def test_a_plant_that_one_agent_cannot_know_is_explained():
     said = run("check", EXAMPLES / "thermal_pair.toml")
     assert said.exit_code == 1
     assert "Let agent 1 hear agent 0." in said.stdout
     assert '"known_dimensions"' in run("check", EXAMPLES / "thermal_pair.toml", "--json").stdout
     refused = run("simulate", EXAMPLES / "thermal_pair.toml")
     assert refused.exit_code == 2
-    assert "only check takes it so far" in refused.stderr
+    assert "agents that can all know the state" in refused.stderr
+    estimated = run("estimate", EXAMPLES / "thermal_pair.toml")
+    assert estimated.exit_code == 2
+    assert "this command needs a [network]" in estimated.stderr
     converted = run("convert", EXAMPLES / "thermal_pair.toml", "plant.csv")
     assert converted.exit_code == 2
     assert "no network to convert" in converted.stderr

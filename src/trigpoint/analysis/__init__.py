@@ -7,6 +7,7 @@ from trigpoint.analysis.diagnosis import Diagnosis, Finding
 from trigpoint.analysis.eigenvalue import EigenvalueBound, smallest_eigenvalue
 from trigpoint.analysis.fixed_modes import FixedMode, fixed_modes
 from trigpoint.analysis.gain import gain_bound, worst_case_eigenvalue, worst_case_gain
+from trigpoint.analysis.noise import NoiseBudget, noise_budget
 from trigpoint.analysis.recommend import Recommendation, recommend_anchors, recommend_arcs
 from trigpoint.analysis.redundancy import redundancy
 from trigpoint.analysis.shared_plant import Knowledge, agent_knowledge
@@ -21,6 +22,7 @@ __all__ = [
     "FixedMode",
     "Knowledge",
     "MeasurementNode",
+    "NoiseBudget",
     "Recommendation",
     "agent_knowledge",
     "critical",
@@ -28,6 +30,7 @@ __all__ = [
     "fixed_modes",
     "gain_bound",
     "measurement_nodes",
+    "noise_budget",
     "recommend_anchors",
     "recommend_arcs",
     "redundancy",

@@ -11,11 +11,12 @@ from trigpoint.certificates.convergence import Convergence
 from trigpoint.certificates.locality import Locality
 from trigpoint.certificates.smallest_eigenvalue import SmallestEigenvalue
 from trigpoint.errors import ArgumentError, ProtocolError
+from trigpoint.model import NetworkedAgents
 from trigpoint.model.documents import problem_document
 from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import Certificate, Outcome
 from trigpoint.observers.documents import observer_document
-from trigpoint.observers.network import NetworkObserver
+from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
 CLAIMS: tuple[type[Claim], ...] = (SmallestEigenvalue, Convergence, Locality)
 
@@ -81,7 +82,17 @@ def verify(certificate: Certificate, problem: Problem, observer: NetworkObserver
 
 def _digests(problem: Problem, observer: NetworkObserver) -> tuple[str, str]:
     document = observer_document(observer)
-    problem_digest = digest_of(problem_document(problem))
-    if digest_of(document["problem"]) != problem_digest:
+    judged = problem_document(_with_the_observers_weights(problem, observer))
+    if digest_of(document["problem"]) != digest_of(judged):
         raise ArgumentError("the observer was designed for another problem")
-    return problem_digest, digest_of(document)
+    return digest_of(problem_document(problem)), digest_of(document)
+
+
+def _with_the_observers_weights(problem: Problem, observer: NetworkObserver) -> Problem:
+    """Arc weights are the observer's choice (precisions, optimal weights), not the problem's."""
+    if not isinstance(observer, DiffusiveObserver) or not isinstance(problem, NetworkedAgents):
+        return problem
+    graph, weight = problem.graph, observer.graph.weight
+    if weight is None or weight.shape[0] != graph.n_arcs or weight is graph.weight:
+        return problem
+    return NetworkedAgents(graph.with_weight(weight), problem.agents)

@@ -96,8 +96,10 @@ def method_of(design: DesignSection, problem: Any) -> Method:
     if label not in ROWS:
         raise ArgumentError(f"no design method is called {label!r}; known are {', '.join(ROWS)}")
     row = ROWS[label]
-    for key in sorted(design.model_fields_set - _EVERYWHERE):
-        if key not in row.keys and getattr(design, key) is not None:
+    for key, field in sorted(type(design).model_fields.items()):
+        value = getattr(design, key)
+        chosen = value is not None and (not isinstance(value, str | float) or value != field.default)
+        if chosen and key not in row.keys and key not in _EVERYWHERE:
             raise ArgumentError(f"{key!r} does not belong to the method {label!r}; it takes {', '.join(row.keys)}")
     return row.make(design, problem)
 

@@ -73,14 +73,20 @@ def design_command(
             f"no decay is guaranteed at gain {observer.gain:.6g}; every gain above 1/lambda_min = {bound:.6g} suffices "
             "(Theorem 4; --gain from-graph takes one)"
         )
-    certificate = certify(part.problem, observer) if with_certificate else None
+    problem = served(part.problem, observer)
+    certificate = certify(problem, observer) if with_certificate else None
     if out is not None:
-        write_documents(out, part.problem, observer, certificate)
+        write_documents(out, problem, observer, certificate)
     if as_json:
         emit(facts(observer, certificate))
     else:
         _show(observer, certificate, part.marks, out)
     return HOLDS if certificate is None else CODE[certificate.verdict]
+
+
+def served(problem: Problem, observer: NetworkObserver) -> Problem:
+    """The problem that the observer runs on: its own where all readings were brought to one place."""
+    return observer.problem if isinstance(observer, AssembledObserver) else problem
 
 
 def write_documents(folder: Path, problem: Problem, observer: NetworkObserver, certificate: Certificate | None) -> None:

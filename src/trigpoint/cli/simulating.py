@@ -12,7 +12,7 @@ from rich.table import Table
 from trigpoint.analysis import diagnose
 from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import Estimating, Given, Stated, changed, instants, part_of, read_any
-from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Rate, Weights
+from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Rate, Weights, served
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, ending, guarded, notice, tracked
 from trigpoint.errors import ArgumentError
 from trigpoint.estimation import estimate
@@ -64,7 +64,7 @@ def simulate_command(
     observer = design(part.problem, method_of(choices, part.problem))
     ending(out, ".npz", ".html")
     scenario = scenario_of(given, part, observer, _section(given.simulate, horizon, period, seed))
-    run = simulate(part.problem, observer, scenario, progress=tracked("simulating"))
+    run = simulate(served(part.problem, observer), observer, scenario, progress=tracked("simulating"))
     if out is not None:
         _write(out, run, given, part)
     _warn(given, part)

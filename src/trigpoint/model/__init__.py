@@ -2,6 +2,7 @@
 
 from trigpoint.model.agents import LinearAgent
 from trigpoint.model.agreement import AgreementDynamics
+from trigpoint.model.control_systems import plant_from_control, plant_to_control
 from trigpoint.model.hyper_network import HyperNetwork
 from trigpoint.model.network import Network, Reduction
 from trigpoint.model.networked import NetworkedAgents
@@ -17,4 +18,6 @@ __all__ = [
     "Reduction",
     "RelativeSensing",
     "SharedPlant",
+    "plant_from_control",
+    "plant_to_control",
 ]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from trigpoint.observers.assembled import AssembledObserver as AssembledObserver
+    from trigpoint.observers.centralised import CentralisedObserver as CentralisedObserver
     from trigpoint.observers.local import LocalArc as LocalArc
     from trigpoint.observers.local import LocalObserver as LocalObserver
     from trigpoint.observers.local import LocalState as LocalState
@@ -15,10 +16,13 @@ if TYPE_CHECKING:
     from trigpoint.observers.network import DiffusiveObserver as DiffusiveObserver
     from trigpoint.observers.network import GeneralForm as GeneralForm
     from trigpoint.observers.network import NetworkObserver as NetworkObserver
+    from trigpoint.observers.projected import ProjectedConsensusObserver as ProjectedConsensusObserver
+    from trigpoint.observers.projection import ProjectionProgram as ProjectionProgram
     from trigpoint.observers.run import Run as Run
 
 _HOME = {
     "AssembledObserver": "assembled",
+    "CentralisedObserver": "centralised",
     "DesignResiduals": "network",
     "DiffusiveObserver": "network",
     "GeneralForm": "network",
@@ -27,6 +31,8 @@ _HOME = {
     "LocalState": "local",
     "Message": "local",
     "NetworkObserver": "network",
+    "ProjectedConsensusObserver": "projected",
+    "ProjectionProgram": "projection",
     "Run": "run",
 }
 

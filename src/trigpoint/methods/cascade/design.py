@@ -39,7 +39,7 @@ def cascade(problem: SharedPlant, split: Split, reals: Sequence[float], pairs: S
 
     Every agent but the root copies block k from its parent in a tree: ``F_{i,par} += T_k (A_kk - S_ki) T_k'``; the root
     corrects it by its own reading: ``K += T_k L_k``. Ordered by (block, depth) the error is block lower triangular.
-    Source: theory 4.1, steps 2 and 3.
+    Source: 002-10; theory 4.1, steps 2 and 3.
     """
     graph = problem.digraph()
     trees = [nx.bfs_tree(graph, root) for root in split.roots]

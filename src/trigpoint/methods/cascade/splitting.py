@@ -44,7 +44,7 @@ def split_by_agents(
         order: agents that may be roots.
         tolerance: directions seen more weakly than this (relative singular values of the staircase) are left to others.
 
-    Each step takes the agent that sees most of what is left. Cost O(m n^3) a block. Source: theory 4.1, step 1.
+    Each step takes the agent that sees most of what is left. Cost O(m n^3) a block. Source: 002-10; theory 4.1, step 1.
     """
     n = A.shape[0]
     rest, columns, roots = np.eye(n), [], []
