@@ -20,6 +20,8 @@ SLOW = "[agent]\nA = [[1.02]]\nC = [[1]]\n"
 PLANT = (EXAMPLES / "shared_plant.toml").read_text(encoding="utf-8").split("[design]")[0]
 CHAIN = PLANT.replace("[[3], [0], [1], [2]]", "[[2], [0], [1], [2]]")
 
+PAIR = "[plant]\nA = [[0, 1], [-1, 0]]\noutputs = [[[1, 0]], [[0, 1]]]\nneighbours = [[1], [0]]\n"
+
 CASES = {
     "local-kalman": (GRID + DOUBLE, ""),
     "integrator": (GRID + STATIC, 'arc_weights = "optimal"\nanchor_gain = 3.0\n'),
@@ -31,6 +33,7 @@ CASES = {
     "coupling-gain": (PLANT, "rate = 0.5\n"),
     "projected-consensus": (PLANT, "rate = 0.5\nperiod = 0.5\nrounds = 60\n"),
     "scc-cascade": (CHAIN, "rate = 1.0\n"),
+    "brasch-pearson": (PAIR, "eigenvalues = [-1.0, -1.4, -1.8, -2.2, -2.6]\n"),
     "centralised": (PLANT, "rate = 1.0\n"),
 }
 ELSEWHERE = {"projected-consensus"}  # its observer has no document and no run of this command

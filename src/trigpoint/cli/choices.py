@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from trigpoint.errors import ArgumentError
 from trigpoint.io.sections import DesignSection
 from trigpoint.methods import (
     Accelerated,
+    BraschPearson,
     Centralised,
     CouplingGain,
     DiscreteKalman,
@@ -85,6 +86,7 @@ ROWS: dict[str, Row] = {
         ("rate", "period", "rounds"),
     ),
     "scc-cascade": Row(lambda d, _: SccCascade(_needed(d, "rate")), ("rate",)),
+    "brasch-pearson": Row(lambda d, _: BraschPearson(_listed(d)), ("eigenvalues",)),
     "centralised": Row(_centralised, ("scheme", "eigenvalues", "rate")),
 }
 """Every method but ``weighted``, which is ``local-kalman`` with ``weights = "precision"`` here."""
@@ -131,6 +133,13 @@ def _needed(design: DesignSection, key: str) -> float:
     if value is None:
         raise ArgumentError(f"the method {design.method!r} needs {key!r} in [design]" + _option(key))
     return float(value)
+
+
+def _listed(design: DesignSection) -> Sequence[complex]:
+    if design.eigenvalues is None:
+        raise ArgumentError(f"the method {design.method!r} needs 'eigenvalues' in [design]")
+    values: Sequence[complex] = design.eigenvalues
+    return values
 
 
 def _option(key: str) -> str:

@@ -2,6 +2,7 @@
 
 from trigpoint.methods.accelerated import Accelerated
 from trigpoint.methods.base import Method
+from trigpoint.methods.brasch_pearson import BraschPearson
 from trigpoint.methods.centralised import Centralised
 from trigpoint.methods.coupling_gain import CouplingGain, coupling_margin, link_loss_rates
 from trigpoint.methods.gains import Family, Fixed, FromGraph, GainChoice, GainRule, WorstCase
@@ -19,6 +20,7 @@ from trigpoint.methods.weights import OptimalWeights, optimal_weights
 __all__ = [
     "METHODS",
     "Accelerated",
+    "BraschPearson",
     "Centralised",
     "CouplingGain",
     "DiscreteKalman",

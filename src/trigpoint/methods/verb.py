@@ -7,6 +7,7 @@ from typing import Any
 from trigpoint.errors import ArgumentError
 from trigpoint.methods.accelerated import Accelerated
 from trigpoint.methods.base import Method
+from trigpoint.methods.brasch_pearson import BraschPearson
 from trigpoint.methods.centralised import Centralised
 from trigpoint.methods.coupling_gain import CouplingGain
 from trigpoint.methods.heterogeneous import Heterogeneous
@@ -31,6 +32,7 @@ METHODS: tuple[type[Method], ...] = (
     CouplingGain,
     ProjectedConsensus,
     SccCascade,
+    BraschPearson,
     Centralised,
 )
 

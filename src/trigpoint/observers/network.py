@@ -54,7 +54,6 @@ class NetworkObserver(ABC):
 
     Attributes:
         method: name of the method that designed it.
-        names: the nodes' names, in the order of their indices.
         decay_rate: guaranteed rate a: ``|e(t)| <= c e^{-a t}``, 1/s. Not positive: no decay is
             guaranteed, only that the error grows no faster than that.
         spectral_abscissa: computed largest real part of the error spectrum, None where it was not computed.
