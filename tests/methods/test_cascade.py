@@ -253,3 +253,31 @@ def test_roots_are_agents_that_reach_everybody() -> None:
     assert possible_roots(problem) == [0]
     observer = tp.design(problem, SpectrumAssignment([-1.0, -2.0, -3.0]))
     assert observer.facts["depth"] == 2
+
+
+# -- Gauss-Newton on all gains (theory 4.2) ----------------------------------------------------------------------------
+def disk(count: int) -> list[complex]:
+    """A conjugate-symmetric cloud around -2.5 of radius 1.5, without a real number."""
+    rng = np.random.default_rng(0)
+    radius, angle = 1.5 * np.sqrt(rng.uniform(0.02, 1.0, count // 2)), rng.uniform(0.05, 0.95, count // 2) * np.pi
+    upper = -2.5 + radius * np.exp(1j * angle)
+    return [*upper.tolist(), *upper.conj().tolist()]
+
+
+@pytest.mark.parametrize(("m", "n"), [(3, 2), (4, 3), (5, 4), (8, 4), pytest.param(10, 6, marks=pytest.mark.slow)])
+def test_lists_without_a_real_number_are_reached_on_rings(m, n) -> None:
+    problem = bed(m, n, "ring", 1)
+    observer = tp.design(problem, SpectrumAssignment(disk(m * n), refine="newton"))
+    assert observer.facts["refined_error"] <= 1e-8
+    assert observer.facts["true_spectrum_error"] <= 1e-8
+    assert observer.facts["largest_gain"] < 40.0
+    assert observer.verify_design_equations().dynamics < 1e-13
+
+
+def test_where_the_search_fails_its_residual_is_told() -> None:
+    with pytest.raises(MethodError, match=r"that Gauss-Newton reaches .*; got an error of .* after \d+ steps"):
+        tp.design(bed(5, 4, "directed ring", 1), SpectrumAssignment(disk(20), refine="newton"))
+    with pytest.raises(MethodError, match="at most 150 states"):
+        tp.design(bed(31, 5, "ring", 1), SpectrumAssignment([-1.0 - 0.01 * k for k in range(155)], refine="newton"))
+    with pytest.raises(ArgumentError, match="refine must be None or 'newton'"):
+        SpectrumAssignment([-1.0], refine="luck")

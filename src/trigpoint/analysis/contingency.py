@@ -195,7 +195,9 @@ def _inverse(lower: FloatArray) -> FloatArray:
 
 
 def _sorted(table: Contingency) -> Contingency:
-    order = np.lexsort((table.arcs, -table.deviation_increase, table.eigenvalue, -table.floating))
+    # Equal losses of a symmetric network differ by rounding: those computed with bounds come first among them.
+    level = np.array([float(f"{value:.9g}") for value in table.eigenvalue])
+    order = np.lexsort((table.arcs, -table.deviation_increase, ~table.confirmed, level, -table.floating))
     return replace(
         table,
         arcs=frozen(table.arcs[order], np.int64),

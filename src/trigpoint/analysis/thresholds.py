@@ -75,7 +75,10 @@ def stable_gains(A: FloatArray, K: FloatArray, C: FloatArray) -> StableGains:
     real = finite[np.abs(finite.imag) <= _REAL * np.maximum(np.abs(finite), 1.0)].real
     # Below the rounding of A itself a crossing is one at 0.
     least = 1e-13 * float(np.linalg.norm(A, 2)) / (float(np.linalg.norm(pull, 2)) or 1.0)
-    cuts = np.unique(np.concatenate([[0.0], real[real > least], [np.inf]]))
+    crossings = np.unique(real[real > least])
+    # A conjugate pair crosses twice at once: its two computed values are one.
+    apart = np.diff(crossings, prepend=0.0) > 1e-9 * crossings
+    cuts = np.concatenate([[0.0], crossings[apart], [np.inf]])
     kept: list[tuple[float, float]] = []
     for low, high in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
         inside = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low + 1.0

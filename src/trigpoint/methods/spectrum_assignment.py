@@ -15,8 +15,10 @@ from trigpoint.arrays import FloatArray, frozen
 from trigpoint.errors import ArgumentError, MethodError
 from trigpoint.linalg.injection import spectrum_error
 from trigpoint.linalg.precise import precise_eigenvalues
+from trigpoint.linalg.transient import transient_peak
 from trigpoint.methods.base import Method
 from trigpoint.methods.cascade.design import Cascade, cascade, structural_residual
+from trigpoint.methods.cascade.newton import refine_spectrum
 from trigpoint.methods.cascade.splitting import split_by_agents
 from trigpoint.methods.cascade.targets import matrix_with, parted
 from trigpoint.methods.heterogeneous.assembly import error_spread
@@ -32,6 +34,10 @@ _LARGE_GAIN = 100.0
 _DENSE = 600
 _PRECISE = 120
 _SENSITIVE = 1e8
+_REFINED = 150
+_APART = 0.1
+_REFINED_ERROR = 1e-8
+_OF_THE_CASCADE = ("block_spectrum_error", "structural_residual", "split_residual", "roots", "blocks", "depth")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +54,8 @@ class SpectrumAssignment(Method):
         order: ``static`` or ``theorem-1``.
         tolerance: directions that an agent sees more weakly than this are left to others; None: 1e-8, or a coarser one
             where gains above 100 fall tenfold by it (the split is then inexact, and ``structural_residual`` says how).
+        refine: None, or ``newton``: all gains are then moved by Gauss-Newton until the spectrum of H itself is the list
+            (theory 4.2), from a cascade with its real parts; for lists that cannot be dealt, up to 150 states.
         discrete: the plant is ``x+ = A x + B u``; eigenvalues belong into the unit disc, all zero is deadbeat.
 
     We assume:
@@ -72,10 +80,13 @@ class SpectrumAssignment(Method):
     eigenvalues: Sequence[complex]
     order: Literal["static", "theorem-1"] = "static"
     tolerance: float | None = None
+    refine: Literal["newton"] | None = None
     discrete: bool = False
 
     def __post_init__(self) -> None:
         """Check the choices that need no problem."""
+        if self.refine not in (None, "newton") or (self.refine and self.order != "static"):
+            raise ArgumentError(f"refine must be None or 'newton' (with order 'static'); got {self.refine!r}")
         if self.order not in ("static", "theorem-1"):
             raise ArgumentError(f"order must be 'static' or 'theorem-1'; got {self.order!r}")
         if self.tolerance is not None and not 0.0 < self.tolerance < 1.0:
@@ -92,6 +103,8 @@ class SpectrumAssignment(Method):
             raise MethodError(
                 _NAME, "a SharedPlant problem", type(problem).__name__, "Write SharedPlant(A, outputs, ...)."
             )
+        if self.refine == "newton":
+            return self._refined(problem)
         values, extra = self._lists(problem)
         designed = self._cascade(problem, values)
         exchange: Exchange = "discrete" if self.discrete else "held"
@@ -103,6 +116,30 @@ class SpectrumAssignment(Method):
             targets = (*(eye for _ in nodes[:-1]), np.vstack([eye, np.zeros((len(extra), problem.n_states))]))
         observer = AssembledObserver(self.label, problem, nodes, 0.0, None, {}, targets)
         return judged(observer, designed, [*values, *extra], problem)
+
+    def _refined(self, problem: SharedPlant) -> AssembledObserver:
+        values, _ = self._lists(problem)
+        if len(values) > _REFINED:
+            raise MethodError(
+                _NAME, f"at most {_REFINED} states in all for refine='newton'", f"{len(values)}", "Leave it out."
+            )
+        reach = max(abs(value) for value in values) or 1.0
+        # Both numbers of a pair become real, a little apart: the eigenvectors of the start must be independent.
+        designed = self._cascade(problem, [complex(value.real + _APART * value.imag) for value in values])
+        found = refine_spectrum(problem, designed.gains, values)
+        if not found.error <= _REFINED_ERROR * reach:
+            raise MethodError(
+                _NAME,
+                f"a list that Gauss-Newton reaches to {_REFINED_ERROR:g} of its size",
+                f"an error of {found.error:.3g} after {found.steps} steps",
+                "Leave refine out with a list that can be dealt, or ask for CouplingGain(rate).",
+            )
+        exchange: Exchange = "discrete" if self.discrete else "held"
+        observer = AssembledObserver(self.label, problem, found.gains.programs(problem, exchange), 0.0, None, {})
+        refined = replace(designed, gains=found.gains)
+        known = judged(observer, refined, values, problem)
+        facts = {key: value for key, value in known.facts.items() if key not in _OF_THE_CASCADE}
+        return replace(known, facts={**facts, "refined_error": found.error, "steps": found.steps})
 
     def _lists(self, problem: SharedPlant) -> tuple[list[complex], list[complex]]:
         """The eigenvalues of the cascade, and the m - 1 further ones of Theorem 1."""
@@ -191,22 +228,6 @@ def judged(
     if proved is not None:
         facts["P"] = frozen(proved[1])
     return replace(observer, decay_rate=rate, spectral_abscissa=float(spectrum.real.max()), facts=facts)
-
-
-def transient_peak(H: FloatArray, steps: int = 64) -> float:
-    """Largest 2-norm of ``e^{H t}`` over a grid of times: a lower bound of the true peak.
-
-    Args: Hurwitz ``H`` (n, n), and how many ``steps`` up to ten time constants of the slowest mode.
-    """
-    abscissa = float(np.linalg.eigvals(H).real.max())
-    if not abscissa < 0.0:
-        return float("inf")
-    step = la.expm(H * (10.0 / -abscissa / steps))
-    power, peak = np.eye(H.shape[0]), 1.0
-    for _ in range(steps):
-        power = step @ power
-        peak = max(peak, float(np.linalg.norm(power, 2)))
-    return peak
 
 
 def _eigenvalue_condition(right: np.ndarray) -> float:

@@ -9,17 +9,25 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
+from trigpoint.analysis.modes import mode_matrices
 from trigpoint.arrays import FloatArray, IntArray, transition_and_integral
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.blocks import Blocks, block_diagonal, expand, repeat_diagonal
+from trigpoint.linalg.transient import transient_peak
 from trigpoint.model import LinearAgent, NetworkedAgents
 from trigpoint.observers.local import LocalArc, LocalObserver
 
 if TYPE_CHECKING:
     from trigpoint.observers.assembled import AssembledObserver
+
+ComplexArray = NDArray[np.complex128]
+_ALL_MODES = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +156,34 @@ class DiffusiveObserver(NetworkObserver):
         n_nodes = self.graph.n_nodes
         pull = repeat_diagonal(n_nodes, self.gain * self.injection) @ self._coupling()
         return sp.csr_array(repeat_diagonal(n_nodes, self.agent.A) - pull @ repeat_diagonal(n_nodes, self.agent.C))
+
+    def error_operator(self) -> LinearOperator:
+        """The error matrix as an operator on (N n,) vectors, without assembling it."""
+        coupling, split, size = self.graph.laplacian(), self.states.split, self.states.total
+        if self.graph.dimension > 1:
+            return aslinearoperator(self.error_matrix())
+
+        def move(e: FloatArray) -> FloatArray:
+            table = split(np.asarray(e).reshape(size))
+            pull = coupling @ (table @ self.agent.C.T)
+            return np.asarray((table @ self.agent.A.T - self.gain * pull @ self.injection.T).reshape(size))
+
+        return LinearOperator((size, size), matvec=move, dtype=np.float64)
+
+    def mode_matrices(self) -> FloatArray:
+        """``A - gain lambda_k K C`` for every eigenvalue lambda_k of L: (N, n, n); scalar weights, up to 2000 nodes."""
+        if self.graph.dimension > 1 or self.graph.n_nodes > _ALL_MODES:
+            raise ArgumentError(f"modes are for scalar weights and up to {_ALL_MODES} nodes; got {self.graph!r}")
+        values = la.eigvalsh(self.graph.laplacian().toarray())
+        return mode_matrices(self.agent.A, self.injection, self.agent.C, self.gain * values)
+
+    def spectrum(self) -> ComplexArray:
+        """All eigenvalues of the error matrix (N n,), mode by mode."""
+        return np.asarray(np.linalg.eigvals(self.mode_matrices()), dtype=np.complex128).ravel()
+
+    def transient_peak(self) -> float:
+        """Largest ``||e^{H t}||_2`` over a grid of times: the error may first grow by this factor (inf: unstable)."""
+        return transient_peak(self.mode_matrices())
 
     def reading_matrix(self) -> sp.csr_array:
         """K of ``z' = H z + K y``: ``gain (I (x) injection) (G W (x) I)``, sparse (N n, M p)."""

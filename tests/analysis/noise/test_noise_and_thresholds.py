@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.linalg as la
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import trigpoint as tp
@@ -45,6 +45,7 @@ def test_published_thresholds(A, C, S, sufficient, exact) -> None:
 
 
 @given(st.integers(0, 100_000))
+@example(220)
 @settings(max_examples=100, deadline=None)
 def test_the_exact_set_is_what_a_fine_scan_finds(seed) -> None:
     rng = np.random.default_rng(seed)
@@ -89,6 +90,27 @@ def test_eigenvectors_split_the_error_matrix(graph, seed) -> None:
     big = np.kron(U, np.eye(n))
     modes = mode_matrices(agent.A, observer.injection, agent.C, observer.gain * values)
     assert np.abs(big.T @ H @ big - la.block_diag(*modes)).max() <= 1e-12 * np.linalg.norm(H, 2)
+
+
+def test_spectrum_operator_and_peak_through_the_modes() -> None:
+    rng = np.random.default_rng(0)
+    graph = tp.graphs.grid(3, 4, anchors=(0,))
+    observer = tp.design(tp.NetworkedAgents(graph, tp.LinearAgent(WAVY, ROW)), LocalKalman())
+    H = observer.error_matrix().toarray()
+    whole, modes = np.sort_complex(la.eigvals(H)), np.sort_complex(observer.spectrum())
+    assert np.abs(whole - modes).max() < 1e-10 * np.linalg.norm(H, 2)
+    e = rng.normal(size=24)
+    assert np.abs(observer.error_operator() @ e - H @ e).max() < 1e-14 * np.linalg.norm(H)
+    times = np.linspace(0.0, 10.0 / -observer.spectral_abscissa, 65)
+    exact = max(np.linalg.norm(la.expm(H * t), 2) for t in times)
+    assert observer.transient_peak() == pytest.approx(exact, rel=1e-9)
+    unstable = tp.design(observer.problem, LocalKalman(Fixed(1e-3)))
+    assert unstable.transient_peak() == np.inf
+    blocks = graph.with_weight(np.stack([np.eye(2)] * graph.n_arcs))
+    vector = tp.design(tp.NetworkedAgents(blocks, tp.LinearAgent.static(2)), LocalKalman())
+    assert np.abs(vector.error_operator() @ e - vector.error_matrix() @ e).max() < 1e-13
+    with pytest.raises(ArgumentError, match="modes are for scalar weights"):
+        vector.spectrum()
 
 
 # -- Theorem 4 ---------------------------------------------------------------------------------------------------------
