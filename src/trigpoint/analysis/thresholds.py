@@ -11,6 +11,7 @@ from trigpoint.arrays import FloatArray
 
 _REAL = 1e-8
 _FLAT = 1e-11
+_ZERO, _INFINITE = 1e-13, 1e9
 
 
 def lmi_threshold(A: FloatArray, Q: FloatArray, information: FloatArray) -> float:
@@ -65,7 +66,8 @@ def stable_gains(A: FloatArray, K: FloatArray, C: FloatArray) -> StableGains:
 
     An eigenvalue meets the imaginary axis only where the Kronecker sum of ``A - g K C`` with itself is singular: real
     generalized eigenvalues of the pair of Kronecker sums. Between two of them stability does not change. Args:
-    A (n, n), K (n, p), C (p, n). Cost O(n^6): n up to about 10. Source: E-000-12.
+    A (n, n), K (n, p), C (p, n). Gains beyond 1e9 times ``|A| / |K C|`` are not told from infinite ones. Cost O(n^6):
+    n up to about 10. Source: E-000-12.
     """
     n = A.shape[0]
     eye, pull = np.eye(n), K @ C
@@ -73,15 +75,15 @@ def stable_gains(A: FloatArray, K: FloatArray, C: FloatArray) -> StableGains:
     values = la.eigvals(whole, part)
     finite = values[np.isfinite(values)]
     real = finite[np.abs(finite.imag) <= _REAL * np.maximum(np.abs(finite), 1.0)].real
-    # Below the rounding of A itself a crossing is one at 0.
-    least = 1e-13 * float(np.linalg.norm(A, 2)) / (float(np.linalg.norm(pull, 2)) or 1.0)
-    crossings = np.unique(real[real > least])
+    # Below the rounding of A itself a crossing is one at 0; the pencil's infinite eigenvalues come out as huge ones.
+    unit = float(np.linalg.norm(A, 2)) / (float(np.linalg.norm(pull, 2)) or 1.0) or 1.0
+    crossings = np.unique(real[(real > _ZERO * unit) & (real < _INFINITE * unit)])
     # A conjugate pair crosses twice at once: its two computed values are one.
     apart = np.diff(crossings, prepend=0.0) > 1e-9 * crossings
     cuts = np.concatenate([[0.0], crossings[apart], [np.inf]])
     kept: list[tuple[float, float]] = []
     for low, high in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
-        inside = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low + 1.0
+        inside = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low + unit
         if np.linalg.eigvals(A - inside * pull).real.max() < 0.0:
             touching = kept and kept[-1][1] == low and np.linalg.eigvals(A - low * pull).real.max() < -_REAL
             kept = [*kept[:-1], (kept[-1][0], high)] if touching else [*kept, (low, high)]
