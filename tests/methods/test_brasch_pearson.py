@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import sys
 
+import networkx as nx
 import numpy as np
 import pytest
 
 import trigpoint as tp
 from tests.methods.observed_plants import bed
-from trigpoint.analysis.proposition1 import check_prop1
+from trigpoint.analysis.proposition1 import check_prop1, krylov_factor
 from trigpoint.errors import ArgumentError, MethodError, MissingExtraError
 from trigpoint.methods import BraschPearson
 from trigpoint.model import SharedPlant
@@ -58,6 +60,34 @@ def test_proposition_1(m, n, blind) -> None:  # 002-06, E-002-8
     assert found.controllability_index == m
     assert found.rank_margin > 1e-13
     assert found.unobservable_channels == ()
+
+
+@pytest.mark.parametrize(("m", "n"), [(2, 3), (4, 2), (5, 3)])
+def test_lemma_3(m, n) -> None:  # 002-13
+    rng = np.random.default_rng(m)
+    A, F, g = rng.normal(size=(n, n)), rng.normal(size=(m, m)), rng.normal(size=(m, 1))
+    H, G, eye = np.kron(np.eye(m), A) + np.kron(F, np.eye(n)), np.kron(g, np.eye(n)), np.eye(n)
+    left = np.hstack([np.linalg.matrix_power(H, k) @ G for k in range(m)])
+    right = np.hstack([np.kron(np.linalg.matrix_power(F, k) @ g, eye) for k in range(m)]) @ krylov_factor(A, m)
+    assert np.abs(left - right).max() < 1e-13 * np.abs(left).max()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_lemma_2(seed) -> None:  # 002-12: rank C + rank B >= m for every split of the channels
+    rng = np.random.default_rng(seed)
+    m = 3 + seed % 2
+    while True:
+        graph = nx.gnp_random_graph(m, 0.6, seed=int(rng.integers(1 << 30)), directed=True)
+        if nx.is_strongly_connected(graph) and graph.number_of_edges() <= 8:
+            break
+    arcs = [(j, i) for j, i in graph.edges]  # i hears j
+    eye = np.eye(m)
+    for chosen in itertools.product([False, True], repeat=len(arcs)):
+        inputs = {i for (_, i), used in zip(arcs, chosen, strict=True) if used}
+        if not inputs:
+            continue  # the statement is about proper subsets
+        rows = [np.zeros(m), *(eye[j] - eye[i] for (j, i), used in zip(arcs, chosen, strict=True) if not used)]
+        assert np.linalg.matrix_rank(np.array(rows)) + len(inputs) >= m
 
 
 def test_an_unseen_plant_is_found_out() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 import scipy.linalg as la
@@ -57,6 +58,21 @@ def check_prop1(problem: SharedPlant, seed: int = 0) -> Proposition1:
     observable = False if bad else None if None in verdicts else True
     full = min(margins) > m * n * 2.0**-50
     return Proposition1(m if full else None, min(margins), observable, tuple(bad))
+
+
+def krylov_factor(A: FloatArray, m: int) -> FloatArray:
+    """T (m n, m n), block triangular, with ``[G, H G, ..., H^{m-1} G] = [g (x) I, ..., (F^{m-1} g) (x) I] T``.
+
+    For ``H = I (x) A + F (x) I`` and ``G = g (x) I``, whatever F (m, m) and g: block (i, k) is ``C(k, i) A^{k-i}``.
+    Args: ``A`` (n, n) and ``m``. Source: W17, Lemma 3, equation (26); 002-13.
+    """
+    n = A.shape[0]
+    T = np.zeros((m, n, m, n))
+    powers = [np.linalg.matrix_power(A, k) for k in range(m)]
+    for k in range(m):
+        for i in range(k + 1):
+            T[i, :, k, :] = comb(k, i) * powers[k - i]
+    return T.reshape(m * n, m * n)
 
 
 def generic_error_matrix(problem: SharedPlant, rng: np.random.Generator) -> FloatArray:
