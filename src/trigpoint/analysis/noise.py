@@ -11,6 +11,7 @@ from trigpoint.analysis.eigenvalue import smallest_eigenvalue
 from trigpoint.analysis.modes import mode_matrices
 from trigpoint.arrays import FloatArray, as_matrix, frozen
 from trigpoint.errors import ArgumentError
+from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.equations import filter_riccati
 from trigpoint.linalg.krylov import RationalKrylov
 from trigpoint.model import LinearAgent, NetworkedAgents
@@ -79,7 +80,7 @@ class NoiseBudget:
 
 
 def noise_budget(
-    problem: NetworkedAgents,
+    problem: NetworkedAgents | MeasurementGraph,
     gain: float,
     *,
     mu: float | None = None,
@@ -92,7 +93,7 @@ def noise_budget(
     ``M_k = A - gain lambda_k K C``, ``K = Q C' R^-1``; the covariance of the whole is ``sum u_k u_k' (x) X_k``.
 
     Args:
-        problem: equal agents on an externally connected network.
+        problem: equal agents on an externally connected network; a bare graph stands for constants (A = 0, C = 1).
         gain: the coupling gain, positive.
         mu: noise level; ``mu_star`` unless given (1 where that is 0).
         process: (n, n) process noise S; ``E E'`` unless given, the identity where the agent has no E.
@@ -106,6 +107,8 @@ def noise_budget(
     their standard error. Cost: one n x n Lyapunov and one Riccati equation a mode.
     Source: G16, equations (13)-(21), Theorem 5; E-000-2, E-000-3; theory 000-32.
     """
+    if isinstance(problem, MeasurementGraph):
+        problem = NetworkedAgents(problem, LinearAgent.static())
     agent, S, R = _checked(problem, gain, process, measurement)
     bound = smallest_eigenvalue(problem.graph)
     if bound.lower <= 0.0:

@@ -252,6 +252,13 @@ def test_covariances_by_modes_equal_the_big_lyapunov_solution(graph, factor, see
     assert budget.centralised == pytest.approx(0.64 * np.trace(best), rel=1e-6)
 
 
+def test_a_bare_graph_stands_for_constants() -> None:
+    graph = tp.graphs.grid(3, 3, anchors=(0,))
+    budget = noise_budget(graph, 3.0, mu=1.0)
+    L = graph.laplacian().toarray()
+    assert budget.total == pytest.approx(np.trace(la.solve_continuous_lyapunov(-3.0 * L, -(np.eye(9) + 9.0 * L))))
+
+
 def test_large_networks_have_error_bars() -> None:
     graph = tp.graphs.grid(48, 48, anchors=(0, 47, 2303))
     problem = tp.NetworkedAgents(graph, tp.LinearAgent(DOUBLE, ROW))
@@ -304,7 +311,7 @@ def test_a_topology_without_anchor_still_knows_the_relative_states() -> None:  #
     ("make", "words"),
     [
         (lambda: gain_interval(1.5, 1.0), "mu must be a noise level"),
-        (lambda: noise_budget(tp.graphs.chain(3), 1.0), "problem must be NetworkedAgents"),
+        (lambda: noise_budget("chain", 1.0), "problem must be NetworkedAgents"),
         (lambda: noise_budget(tp.NetworkedAgents(tp.graphs.chain(3), PLANAR), -1.0), "gain must be a positive number"),
         (lambda: noise_budget(tp.NetworkedAgents(tp.graphs.cycle(3), PLANAR), 1.0), "a path from every node"),
         (
