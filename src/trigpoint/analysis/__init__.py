@@ -5,15 +5,17 @@ from trigpoint.analysis.contingency import Contingency, without_each
 from trigpoint.analysis.critical import Critical, critical
 from trigpoint.analysis.diagnosis import Diagnosis, Finding
 from trigpoint.analysis.eigenvalue import EigenvalueBound, smallest_eigenvalue
-from trigpoint.analysis.fixed_modes import FixedMode, fixed_modes
+from trigpoint.analysis.fixed_modes import Complementary, FixedMode, check_complementary, fixed_modes
 from trigpoint.analysis.gain import gain_bound, worst_case_eigenvalue, worst_case_gain
 from trigpoint.analysis.noise import NoiseBudget, noise_budget
+from trigpoint.analysis.proposition1 import Proposition1, check_prop1
 from trigpoint.analysis.recommend import Recommendation, recommend_anchors, recommend_arcs
 from trigpoint.analysis.redundancy import redundancy
 from trigpoint.analysis.shared_plant import Knowledge, agent_knowledge
 from trigpoint.analysis.verb import diagnose
 
 __all__ = [
+    "Complementary",
     "Contingency",
     "Critical",
     "Diagnosis",
@@ -23,8 +25,11 @@ __all__ = [
     "Knowledge",
     "MeasurementNode",
     "NoiseBudget",
+    "Proposition1",
     "Recommendation",
     "agent_knowledge",
+    "check_complementary",
+    "check_prop1",
     "critical",
     "diagnose",
     "fixed_modes",
