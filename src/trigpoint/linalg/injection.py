@@ -14,6 +14,7 @@ from trigpoint.linalg.equations import filter_riccati, spectral_abscissa
 
 _STEPS = 8
 _SWEEPS = (1, 2, 30)  # of the placement: more make it robust, and lose digits where it was so already
+_CORRECTIONS = 2
 _PROCESS = 1e-2  # little process noise: eigenvalues are hardly moved further than the shift asks
 
 
@@ -85,7 +86,28 @@ def assigned_injection(A: FloatArray, C: FloatArray, eigenvalues: np.ndarray) ->
     left, values, right = la.svd(C, full_matrices=False)
     rank = int(np.sum(values > 1e-10 * values[0])) if values.size else 0
     trials = [_placed(A, right[:rank], eigenvalues, sweeps) / values[:rank] @ left[:, :rank].T for sweeps in _SWEEPS]
-    return np.asarray(min(trials, key=lambda K: spectrum_error(A - K @ C, eigenvalues)))
+    best = min(trials, key=lambda K: spectrum_error(A - K @ C, eigenvalues))
+    for _ in range(_CORRECTIONS):
+        better = best + _correction(A - best @ C, C, np.asarray(eigenvalues))
+        if not spectrum_error(A - better @ C, eigenvalues) < spectrum_error(A - best @ C, eigenvalues):
+            break
+        best = better
+    return np.asarray(best)
+
+
+def _correction(closed: FloatArray, C: FloatArray, eigenvalues: np.ndarray) -> FloatArray:
+    """Smallest change of K that takes the eigenvalues the rest of the way (first order, ``d lambda = -y' dK C x``)."""
+    values, right = la.eig(closed)
+    try:
+        left = np.linalg.inv(right)
+    except np.linalg.LinAlgError:
+        return np.zeros((closed.shape[0], C.shape[0]))
+    rows, columns = linear_sum_assignment(np.abs(values[:, None] - eigenvalues[None, :]))
+    missing = np.empty(values.shape[0], dtype=np.complex128)
+    missing[rows] = eigenvalues[columns] - values[rows]
+    slope = -np.einsum("ka,kb->kab", left, (C @ right).T).reshape(values.shape[0], -1)
+    step = np.linalg.lstsq(np.vstack([slope.real, slope.imag]), np.append(missing.real, missing.imag), rcond=None)[0]
+    return np.asarray(step.reshape(closed.shape[0], C.shape[0]))
 
 
 def _placed(A: FloatArray, C: FloatArray, eigenvalues: np.ndarray, sweeps: int) -> FloatArray:
