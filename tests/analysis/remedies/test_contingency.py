@@ -42,7 +42,8 @@ def test_against_recomputation(graph) -> None:
             assert study.deviation_increase[position] == pytest.approx(growth.max(), rel=1e-6, abs=1e-9)
             assert growth[study.deviation_node[position]] == pytest.approx(growth.max(), rel=1e-6, abs=1e-9)
     assert (np.diff(study.floating) <= 0).all()
-    assert (np.diff(study.eigenvalue[study.floating == 0]) >= 0).all()
+    ranked = study.eigenvalue[study.floating == 0]
+    assert (np.diff(ranked) >= -1e-8 * ranked[1:]).all()  # equal losses differ by rounding: grouped by nine digits
     assert study.change.max() <= 1e-9
     assert study.confirmed.sum() == (study.floating > 0).sum() + min(1, int((study.floating == 0).sum()))
 
