@@ -59,7 +59,7 @@ def test_a_forged_rate_is_not_believed() -> None:
     assert Convergence.verify(forged, STABLE.problem, STABLE) == "inconclusive"
     without = dataclasses.replace(record, witness={})
     assert Convergence.verify(without, STABLE.problem, STABLE) == "inconclusive"
-    negative = dataclasses.replace(record, witness={"P": -record.witness["P"]})
+    negative = dataclasses.replace(record, witness={name: -array for name, array in record.witness.items()})
     assert Convergence.verify(negative, STABLE.problem, STABLE) == "inconclusive"
 
 

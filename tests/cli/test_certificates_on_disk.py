@@ -230,3 +230,16 @@ def test_an_unanchored_network_is_refuted_whatever_its_certificate_says(tmp_path
     result = trigpoint("verify", folder / "certificate.json", "--json")
     assert result.exit_code == 1
     assert json_of(result)["verdict"] == "refuted"
+
+
+def test_claims_on_request(folder: Path) -> None:
+    observer, target = folder / "observer.json", folder / "asked.json"
+    asked = ("--period", "0.01", "--max-nodes", "9", "--mu", "0.1", "--delay", "0.001")
+    made = trigpoint("certify", observer, *asked, "--json", "--out", target)
+    claims = {claim["claim"]: claim["verdict"] for claim in json.loads(made.stdout)["claims"]}
+    assert {"switching-stability", "sampled-stability", "delay-margin", "noise-budget"} < set(claims)
+    again = json.loads(trigpoint("verify", target, "--json").stdout)
+    assert {claim["claim"]: claim["verdict"] for claim in again["claims"]} == claims
+    refused(trigpoint("certify", observer, "--arrival", "0.5"), "--arrival needs --period")
+    lossy = trigpoint("certify", observer, "--arrival", "0.9", "--period", "0.01", "--json")
+    assert "mean-square-stability" in lossy.stdout

@@ -24,7 +24,7 @@ class Claim(ABC):
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004 (most claims concern every observer)
-        """True where the claim speaks of such an ``observer`` at all."""
+        """True where ``certify`` states the claim of such an ``observer`` unasked."""
         return True
 
     @abstractmethod

@@ -8,8 +8,14 @@ from dataclasses import dataclass
 from trigpoint.arrays import digest_of
 from trigpoint.certificates.base import Claim
 from trigpoint.certificates.convergence import Convergence
+from trigpoint.certificates.delay import DelayMargin
 from trigpoint.certificates.locality import Locality
+from trigpoint.certificates.mean_square import MeanSquareStability
+from trigpoint.certificates.noise import NoiseBudget
+from trigpoint.certificates.observable import Observable
+from trigpoint.certificates.sampled import SampledStability
 from trigpoint.certificates.smallest_eigenvalue import SmallestEigenvalue
+from trigpoint.certificates.switching import SwitchingStability
 from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.model import NetworkedAgents
 from trigpoint.model.documents import problem_document
@@ -18,7 +24,17 @@ from trigpoint.observers.certificate import Certificate, Outcome
 from trigpoint.observers.documents import observer_document
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
-CLAIMS: tuple[type[Claim], ...] = (SmallestEigenvalue, Convergence, Locality)
+CLAIMS: tuple[type[Claim], ...] = (
+    SmallestEigenvalue,
+    Convergence,
+    Locality,
+    SwitchingStability,
+    SampledStability,
+    DelayMargin,
+    MeanSquareStability,
+    NoiseBudget,
+    Observable,
+)
 
 
 @dataclass(frozen=True)
@@ -34,7 +50,7 @@ class Verdict:
 
 
 def certify(problem: Problem, observer: NetworkObserver, claims: Sequence[Claim] | None = None) -> Certificate:
-    """Prove claims about ``observer``; all of ``CLAIMS`` that concern it unless ``claims`` names some.
+    """Prove claims about ``observer``; those of ``CLAIMS`` that concern it unless ``claims`` names some.
 
     Args:
         problem: what is estimated.

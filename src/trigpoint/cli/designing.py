@@ -10,7 +10,8 @@ from rich.table import Table
 
 from trigpoint.analysis import diagnose
 from trigpoint.arrays import digest_of
-from trigpoint.certificates import Certificate, certify, verify
+from trigpoint.certificates import CLAIMS, Certificate, certify, verify
+from trigpoint.cli.asked import claims_asked
 from trigpoint.cli.choices import label_of, method_of
 from trigpoint.cli.compose import changed, kind_of, part_of, read_any
 from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, Out, console, emit, guarded, notice
@@ -139,6 +140,22 @@ def _show(observer: NetworkObserver, certificate: Certificate | None, marks: int
 @guarded
 def certify_command(
     file: Annotated[Path, typer.Argument(help="An observer.json written by design.")],
+    period: Annotated[
+        float | None, typer.Option("--period", help="Also: stable with an exchange every so many seconds.")
+    ] = None,
+    delay: Annotated[
+        float | None, typer.Option("--delay", help="Also: stable with this constant delay, seconds.")
+    ] = None,
+    arrival: Annotated[
+        float | None,
+        typer.Option("--arrival", help="Also: stable in mean square with this chance of an arc (needs --period)."),
+    ] = None,
+    max_nodes: Annotated[
+        int | None, typer.Option("--max-nodes", help="Also: stable under switching among networks of so many nodes.")
+    ] = None,
+    mu: Annotated[
+        float | None, typer.Option("--mu", help="Also: a bound of the steady error at this noise level.")
+    ] = None,
     out: Out = None,
     as_json: Json = False,
 ) -> int:
@@ -146,7 +163,9 @@ def certify_command(
     observer = load(file)
     if not isinstance(observer, DiffusiveObserver | AssembledObserver):
         raise FileFormatError(file, f"holds {kind_of(observer)}; expected an observer (written by design --out)")
-    certificate = certify(observer.problem, observer)
+    claims = [kind() for kind in CLAIMS if kind.concerns(observer)]
+    claims += claims_asked(period=period, delay=delay, arrival=arrival, max_nodes=max_nodes, mu=mu)
+    certificate = certify(observer.problem, observer, claims)
     if out is not None:
         save(certificate, out)
         notice(f"written to {out}; verify looks for problem.json and observer.json beside it")

@@ -1,0 +1,48 @@
+"""Agents that do not move: what the claims about delay, loss and held values rest on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trigpoint.analysis.modes import largest_eigenvalue_bound
+from trigpoint.graphs import MeasurementGraph
+from trigpoint.linalg.verified import down, gam, is_positive_definite, up
+from trigpoint.observers.network import DiffusiveObserver
+
+_DENSE = 600
+
+
+def static_pull(observer: DiffusiveObserver) -> tuple[float, float] | None:
+    """Bounds of the positive factors k_i c_i when A = 0, K and C are diagonal and weights scalar; None otherwise.
+
+    Then every coordinate obeys ``e' = -gain k_i c_i L e`` by itself.
+    """
+    A, K, C = observer.agent.A, observer.injection, observer.agent.C
+    if observer.graph.dimension > 1 or A.any() or K.shape != C.T.shape or K.shape[0] != K.shape[1]:
+        return None
+    diagonal = np.eye(K.shape[0], dtype=bool)
+    if K[~diagonal].any() or C[~diagonal].any():
+        return None
+    factors = np.diagonal(K) * np.diagonal(C)
+    if not (factors > 2.0**-900).all() or not np.isfinite(factors).all():
+        return None
+    return down(float(factors.min())), up(float(factors.max()))
+
+
+def largest_eigenvalue_upper(graph: MeasurementGraph) -> float:
+    """Rigorous upper bound of ``lambda_max`` of ``graph``: ``s I - L > 0`` verified up to 600 nodes, else by degrees.
+
+    Source: Rump (2006), key Rump2006; theory 8-G4.
+    """
+    by_degrees = up(largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+    if graph.n_nodes > _DENSE:
+        return by_degrees
+    L = graph.laplacian().toarray()
+    radius = gam(2.0 * graph.n_arcs + 8.0) * (np.abs(L) + np.diag(np.diagonal(L)))
+    computed = float(np.linalg.eigvalsh(L)[-1])
+    for margin in (1e-10, 1e-7, 1e-4):
+        s = computed * (1.0 + margin)
+        shifted = s * np.eye(graph.n_nodes) - L
+        if s < by_degrees and is_positive_definite(0.5 * (shifted + shifted.T), radius + gam(4.0) * s):
+            return s
+    return by_degrees

@@ -1,0 +1,112 @@
+"""Claim: one quadratic function decreases on every topology whose eigenvalues lie in a range (theory 8-G6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import scipy.linalg as la
+
+from trigpoint.analysis import smallest_eigenvalue, worst_case_eigenvalue
+from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
+from trigpoint.certificates.base import Claim, number, witness
+from trigpoint.certificates.convergence import lyapunov_matrix, mode_decreases
+from trigpoint.errors import ArgumentError
+from trigpoint.linalg.verified import down, is_positive_definite, up
+from trigpoint.observers.assembled import Problem
+from trigpoint.observers.certificate import ClaimRecord, Outcome
+from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
+
+_ASSUMPTIONS = (
+    "continuous exchange without delay or loss",
+    "at every moment all eigenvalues of the generalized Laplacian lie between floor and ceiling (twice the largest "
+    "weighted degree is at most the ceiling); the topology may change as often as it likes",
+)
+_FAMILY = (
+    "where max_nodes is not 0, every externally connected network of at most max_nodes nodes without parallel arcs and "
+    "with unit weights is among them"
+)
+_CLOSED_FORM_ERROR = 1e-12
+
+
+@dataclass(frozen=True)
+class SwitchingStability(Claim):
+    """``V = e' (I (x) P) e`` decreases at ``rate`` on every topology with ``floor <= lambda <= ceiling``.
+
+    ``P (A - g K C) + (A - g K C)' P + 2 rate P`` is affine in ``g = gain lambda``: negative definite at both ends,
+    it is so on the whole range, whatever the order and the speed of the changes.
+
+    Args:
+        floor: smallest eigenvalue to cover; the observer's own network's lower bound unless given.
+        ceiling: largest one; ten times the bound of the observer's own network unless given.
+        max_nodes: cover every externally connected network with at most so many nodes, instead of a floor.
+
+    Source: G16, Theorem 4 (switching), Theorem 7; theory 8-G6.
+    """
+
+    floor: float | None = None
+    ceiling: float | None = None
+    max_nodes: int | None = None
+    name: ClassVar[str] = "switching-stability"
+
+    @staticmethod
+    def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004
+        """Stated on request."""
+        return False
+
+    def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
+        """The rate follows from the design's own P."""
+        if not isinstance(observer, DiffusiveObserver) or observer.graph.dimension > 1:
+            return self._record("inconclusive", (0.0, 0.0, 0.0, 0.0), None, "not equal agents with scalar weights")
+        if self.max_nodes is not None:
+            floor = worst_case_eigenvalue(self.max_nodes) * (1.0 - _CLOSED_FORM_ERROR)
+        else:
+            floor = smallest_eigenvalue(observer.graph).lower if self.floor is None else self.floor
+        ceiling = self.ceiling
+        if ceiling is None:
+            ceiling = 10.0 * max(largest_eigenvalue_bound(observer.graph), 2.0 * (self.max_nodes or 0) + 2.0)
+        if not floor <= ceiling:
+            raise ArgumentError(f"floor must not exceed ceiling; got {floor:g} and {ceiling:g}")
+        P = lyapunov_matrix(observer)
+        gains = observer.gain * np.array([floor, ceiling])
+        ends = mode_matrices(observer.agent.A, observer.injection, observer.agent.C, gains)
+        best = min(float(la.eigh(-(P @ M + M.T @ P), P, eigvals_only=True)[0]) / 2.0 for M in ends)
+        nodes = float(self.max_nodes or 0)
+        for margin in (1e-9, 1e-6, 1e-3, 0.1):
+            rate = best - margin * abs(best)
+            text = f"decays at least at {rate:.9g} /s under any switching with {floor:.6g} <= lambda <= {ceiling:.6g}"
+            text += f", among them every anchored network of at most {nodes:.0f} nodes" if nodes else ""
+            record = self._record("certified", (rate, floor, ceiling, nodes), P, text)
+            if self.verify(record, problem, observer) == "certified":
+                return record
+        text = f"no common decay could be proved (best computed rate {best:.3g} /s)"
+        return self._record("inconclusive", (best, floor, ceiling, nodes), P, text)
+
+    def _record(
+        self, verdict: Outcome, values: tuple[float, float, float, float], P: np.ndarray | None, text: str
+    ) -> ClaimRecord:
+        numbers = dict(zip(("rate", "floor", "ceiling", "max_nodes"), values, strict=True))
+        return ClaimRecord(self.name, verdict, numbers, (*_ASSUMPTIONS, _FAMILY), text, {} if P is None else {"P": P})
+
+    @staticmethod
+    def verify(record: ClaimRecord, problem: Problem, observer: NetworkObserver) -> Outcome:  # noqa: ARG004
+        """Prove the inequality again at both ends."""
+        if not isinstance(observer, DiffusiveObserver) or observer.graph.dimension > 1:
+            return "inconclusive"
+        n = observer.agent.n_states
+        rate, floor, ceiling, nodes = (number(record, name) for name in ("rate", "floor", "ceiling", "max_nodes"))
+        P = witness(record, "P", (n, n))
+        if not (rate > 0.0 and 0.0 < floor <= ceiling and is_positive_definite(P)):
+            return "inconclusive"
+        if nodes != 0.0 and not _covers(nodes, floor, ceiling):
+            return "inconclusive"
+        ends = (down(observer.gain * floor), up(observer.gain * ceiling))
+        return "certified" if all(mode_decreases(observer, P, rate, g) for g in ends) else "inconclusive"
+
+
+def _covers(nodes: float, floor: float, ceiling: float) -> bool:
+    """Every anchored network of ``nodes`` or fewer: Theorem 1's floor, and N + 1 as ceiling of simple graphs."""
+    if nodes != int(nodes) or not 1 <= nodes <= 1e9:
+        return False
+    return floor <= worst_case_eigenvalue(int(nodes)) * (1.0 - _CLOSED_FORM_ERROR) and ceiling >= nodes + 1.0

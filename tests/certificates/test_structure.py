@@ -1,0 +1,64 @@
+"""Cascades through their exact zeros, and what remains of it when the plant is rotated (theory 4.3b)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import trigpoint as tp
+from trigpoint.certificates import Convergence
+
+
+def ring(agents: int, rotated: bool) -> tp.SharedPlant:
+    """Agent i of a directed ring sees one of two blocks; the plant is block diagonal, or rotated."""
+    A = np.zeros((4, 4))
+    A[:2, :2], A[2:, 2:] = [[0.1, 1.0], [-1.0, 0.1]], [[0.0, 2.0], [-2.0, 0.0]]
+    outputs = [np.zeros((1, 4)) for _ in range(agents)]
+    outputs[0][0, 0], outputs[1][0, 2] = 1.0, 1.0
+    if rotated:
+        T = np.linalg.qr(np.random.default_rng(0).standard_normal((4, 4)))[0]
+        A, outputs = T @ A @ T.T, [C @ T.T for C in outputs]
+    return tp.SharedPlant(A, outputs, {i: [(i - 1) % agents] for i in range(agents)})
+
+
+def designed(problem: tp.SharedPlant):
+    agents, n = problem.n_agents, problem.n_states
+    return tp.design(problem, tp.methods.SpectrumAssignment(np.linspace(-4.0, -1.0, agents * n)))
+
+
+def test_a_block_diagonal_plant_is_certified_through_its_structure() -> None:
+    problem = ring(20, rotated=False)
+    observer = designed(problem)
+    record = Convergence(rate=0.9).check(problem, observer)
+    assert record.verdict == "certified"
+    assert "exact zeros" in record.text
+    assert Convergence.verify(record, problem, observer) == "certified"
+    for spoilt in (-record.witness["blocks"], record.witness["blocks"][:-1], record.witness["blocks"] * np.nan):
+        forged = dataclasses.replace(record, witness={"blocks": spoilt})
+        assert Convergence.verify(forged, problem, observer) == "inconclusive"
+    faster = dataclasses.replace(record, numbers={**record.numbers, "rate": 1.1})
+    assert Convergence.verify(faster, problem, observer) == "inconclusive"
+
+
+def test_rotated_only_the_stored_matrix_counts() -> None:
+    problem = ring(20, rotated=True)
+    record = Convergence().check(problem, designed(problem))
+    assert "exact zeros" not in record.text
+    assert record.verdict in ("certified", "inconclusive")
+
+
+@pytest.mark.slow
+def test_a_cascade_of_500_states_is_certified_at_nine_tenths_of_its_rate() -> None:
+    rng = np.random.default_rng(2)
+    agents, n = 50, 10
+    T = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    A = T @ np.diag(np.linspace(-0.3, 0.2, n)) @ T.T
+    outputs = [T[:, [i % n]].T for i in range(agents)]
+    hears = {i: sorted({(i - 1) % agents, *(int(j) for j in rng.choice(agents, 3) if j != i)}) for i in range(agents)}
+    problem = tp.SharedPlant(A, outputs, hears)
+    observer = tp.design(problem, tp.methods.SpectrumAssignment(np.linspace(-4.0, -1.0, agents * n)))
+    record = Convergence(rate=0.9).check(problem, observer)
+    assert record.verdict == "certified"
+    assert Convergence.verify(record, problem, observer) == "certified"
