@@ -256,3 +256,32 @@ def test_what_cannot_be_proved_says_why() -> None:
     large = tp.NetworkedAgents(tp.graphs.chain(400), AGENTS["oscillator"])
     designed = tp.design(large, tp.methods.LocalKalman())
     assert "800 states" in SampledStability(0.1).check(large, designed).text
+
+
+def test_a_rate_that_is_not_reached_is_refuted_with_a_growing_error() -> None:
+    problem = tp.NetworkedAgents(tp.graphs.chain(5), AGENTS["unstable"])
+    weak = tp.design(problem, tp.methods.LocalKalman(gain=tp.Fixed(1e-4)))
+    record = Convergence().check(problem, weak)
+    assert record.verdict == "refuted"
+    assert "never shrinks" in record.text
+    assert Convergence.verify(record, problem, weak) == "refuted"
+    fine = tp.design(problem, tp.methods.LocalKalman())
+    assert Convergence.verify(record, problem, fine) != "refuted"  # a witness against one is none against another
+    for name in ("P", "growing", "x", "slowest"):
+        spoilt = dataclasses.replace(record, witness={**record.witness, name: 0.0 * record.witness[name]})
+        assert Convergence.verify(spoilt, problem, weak) == "inconclusive"
+    for share, verdict in ((1.0 - 1e-7, "certified"), (1.0 + 1e-7, "refuted")):
+        true = fine.gain * float(np.linalg.eigvalsh(problem.graph.laplacian().toarray())[0])
+        rate = share * (true * float((fine.injection @ problem.agent.C).item()) - 0.3)
+        assert Convergence(rate=rate).check(problem, fine).verdict == verdict
+
+
+def test_a_family_is_covered_by_its_extreme_spectra() -> None:
+    family = [tp.graphs.chain(4), tp.graphs.cycle(4, anchors=(0,)), tp.graphs.grid(2, 2, anchors=(0, 3))]
+    problem = tp.NetworkedAgents(family[0], AGENTS["oscillator"])
+    observer = tp.design(problem, tp.methods.LocalKalman(gain=tp.Family(family)))
+    record = SwitchingStability.over(family).check(problem, observer)
+    assert record.verdict == "certified"
+    assert record.numbers["floor"] <= min(tp.smallest_eigenvalue(graph).value for graph in family)
+    with pytest.raises(ArgumentError, match="at least one network"):
+        SwitchingStability.over([])

@@ -9,12 +9,13 @@ import numpy as np
 import scipy.linalg as la
 
 from trigpoint.analysis.eigenvalue import smallest_eigenvalue
-from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
+from trigpoint.analysis.modes import largest_eigenvalue_bound
 from trigpoint.arrays import FloatArray
-from trigpoint.certificates import programs, structure
+from trigpoint.certificates import growth, programs, structure
 from trigpoint.certificates.base import Claim, number, witness
+from trigpoint.certificates.decrease import decreases, mode_decreases
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
-from trigpoint.linalg.verified import down, gam, is_positive_definite, up
+from trigpoint.linalg.verified import down, is_positive_definite, up
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
@@ -62,6 +63,14 @@ class Convergence(Claim):
             record = self._record("certified", rate, bound.lower, arrays, f"the error decays at least at {rate:.9g} /s")
             if self.verify(record, problem, observer) == "certified":
                 return record
+        slower = growth.witness(observer, max(wanted, 0.0), bound)
+        if slower is not None:
+            text = (
+                f"an error that shrinks slower than {wanted:.9g} /s" if wanted > 0.0 else "an error that never shrinks"
+            )
+            record = self._record("refuted", max(wanted, 0.0), bound.lower, slower, f"there is {text}")
+            if self.verify(record, problem, observer) == "refuted":
+                return record
         text = f"no decay at {wanted:.9g} /s could be proved" if wanted > 0.0 else "no decay could be proved"
         return self._record("inconclusive", wanted, bound.lower, arrays, text)
 
@@ -99,6 +108,8 @@ class Convergence(Claim):
         n, graph = observer.agent.n_states, observer.graph
         rate, floor = number(record, "rate"), number(record, "lambda_floor")
         P = witness(record, "P", (n, n))
+        if "growing" in record.witness:
+            return "refuted" if growth.proves(record, observer, rate, floor) else "inconclusive"
         proved = graph.is_externally_connected and rate > 0.0 and is_positive_definite(P)
         if not proved:
             return "inconclusive"
@@ -145,14 +156,6 @@ def lyapunov_matrix(observer: DiffusiveObserver) -> FloatArray:
     return np.asarray(0.5 * (P + P.T))
 
 
-def mode_decreases(observer: DiffusiveObserver, P: FloatArray, rate: float, g: float) -> bool:
-    """Prove ``-(P (A - g K C) + (A - g K C)' P + 2 rate P) > 0`` for the stored A, K, C."""
-    A, C, K = observer.agent.A, observer.agent.C, observer.injection
-    closed = mode_matrices(A, K, C, np.array([g]))[0]
-    size = np.abs(A) + g * (np.abs(K) @ np.abs(C))
-    return _decreases(P, closed, size, rate)
-
-
 def _whole_decreases(observer: DiffusiveObserver, P: FloatArray, rate: float) -> bool:
     """The same for the assembled error matrix, with ``I (x) P``."""
     count = observer.graph.n_nodes
@@ -162,14 +165,4 @@ def _whole_decreases(observer: DiffusiveObserver, P: FloatArray, rate: float) ->
     coupling = np.abs(observer.graph.laplacian().toarray())
     pull = np.kron(np.eye(count), np.abs(observer.gain * observer.injection)) @ coupling
     size = np.abs(np.kron(np.eye(count), observer.agent.A)) + pull @ np.kron(np.eye(count), np.abs(observer.agent.C))
-    return _decreases(np.asarray(np.kron(np.eye(count), P)), H, np.asarray(size + np.abs(H)), rate)
-
-
-def _decreases(P: FloatArray, F: FloatArray, size: FloatArray, rate: float) -> bool:
-    product = P @ F
-    decrease = -(product + product.T) - 2.0 * rate * P
-    # Every entry is a sum of at most 4 n + 8 rounded terms of this size, whatever the order of evaluation.
-    magnitude = np.abs(P) @ size
-    magnitude = magnitude + magnitude.T + 2.0 * rate * np.abs(P)
-    radius = gam(8.0 * P.shape[0] + 64.0) * magnitude
-    return is_positive_definite(0.5 * (decrease + decrease.T), radius)
+    return decreases(np.asarray(np.kron(np.eye(count), P)), H, np.asarray(size + np.abs(H)), rate)

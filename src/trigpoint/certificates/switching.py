@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,8 +12,10 @@ import scipy.linalg as la
 from trigpoint.analysis import smallest_eigenvalue, worst_case_eigenvalue
 from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
 from trigpoint.certificates.base import Claim, number, witness
-from trigpoint.certificates.convergence import lyapunov_matrix, mode_decreases
+from trigpoint.certificates.convergence import lyapunov_matrix
+from trigpoint.certificates.decrease import mode_decreases
 from trigpoint.errors import ArgumentError
+from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.verified import down, is_positive_definite, up
 from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
@@ -49,6 +52,14 @@ class SwitchingStability(Claim):
     ceiling: float | None = None
     max_nodes: int | None = None
     name: ClassVar[str] = "switching-stability"
+
+    @staticmethod
+    def over(graphs: Sequence[MeasurementGraph]) -> SwitchingStability:
+        """The claim for a family: floor and ceiling enclose the spectra of all ``graphs``."""
+        if not graphs:
+            raise ArgumentError("graphs must hold at least one network")
+        floor = min(smallest_eigenvalue(graph).lower for graph in graphs)
+        return SwitchingStability(floor, max(largest_eigenvalue_bound(graph) for graph in graphs) * (1.0 + 1e-9))
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004

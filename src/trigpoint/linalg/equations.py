@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import scipy.linalg as la
 
@@ -48,3 +52,11 @@ def filter_riccati_residual(
 def spectral_abscissa(A: FloatArray) -> float:
     """Largest real part of the eigenvalues (of one matrix, or the largest over a stack)."""
     return float(np.linalg.eigvals(A).real.max())
+
+
+@contextmanager
+def near_singular_allowed() -> Iterator[None]:
+    """Solvers may warn that they had to perturb the coefficients: for a candidate that is verified afterwards, fine."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        yield
