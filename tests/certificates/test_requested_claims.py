@@ -8,11 +8,13 @@ import flint
 import networkx as nx
 import numpy as np
 import pytest
+import scipy.linalg as la
 
 import trigpoint as tp
 from tests.certificates.oracle import AGENTS, drawn_graph
 from trigpoint.certificates import (
     Convergence,
+    CovarianceBound,
     DelayMargin,
     MeanSquareStability,
     NoiseBudget,
@@ -21,7 +23,7 @@ from trigpoint.certificates import (
     SmallestEigenvalue,
     SwitchingStability,
 )
-from trigpoint.errors import ArgumentError
+from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.linalg.modular import is_observable_pair, stays_and_is_unseen
 from trigpoint.observers.network import DiffusiveObserver
 
@@ -62,7 +64,49 @@ def test_the_delay_limit_is_met_from_both_sides() -> None:
         assert record.verdict == verdict
     assert DelayMargin(limit).check(*STATIC).verdict == "inconclusive"
     assert DelayMargin().check(*STATIC).verdict == "certified"
-    assert DelayMargin(0.01).check(*MOVING).verdict == "inconclusive"
+
+
+def rightmost(A, B, delay, points=24):
+    """Largest real part of the roots of ``e'(t) = A e(t) + B e(t - delay)``, by Chebyshev collocation."""
+    n, k = A.shape[0], np.arange(points + 1)
+    x = np.cos(np.pi * k / points)
+    ends = np.where((k == 0) | (k == points), 2.0, 1.0) * (-1.0) ** k
+    D = np.outer(ends, 1.0 / ends) / (x[:, None] - x[None, :] + np.eye(points + 1))
+    D = (D - np.diag(D.sum(axis=1))) * 2.0 / delay
+    M = np.kron(D, np.eye(n))
+    M[:n] = 0.0
+    M[:n, :n], M[:n, -n:] = A, B
+    return float(np.linalg.eigvals(M).real.max())
+
+
+@pytest.mark.parametrize("agent", ["double integrator", "oscillator"])
+def test_late_innovations_of_moving_agents_are_proved_up_to_a_share_of_the_limit(agent) -> None:
+    problem = tp.NetworkedAgents(tp.graphs.grid(3, 3, anchors=(0,)), AGENTS[agent])
+    observer = tp.design(problem, tp.methods.LocalKalman())
+    values = observer.gain * np.linalg.eigvalsh(problem.graph.laplacian().toarray())
+    pull = -observer.injection @ observer.agent.C
+
+    def stable(delay: float) -> bool:
+        return all(rightmost(observer.agent.A, g * pull, delay) < 0.0 for g in values)
+
+    record = DelayMargin().check(problem, observer)
+    assert record.verdict == "certified"
+    assert DelayMargin.verify(record, problem, observer) == "certified"
+    assert stable(record.numbers["delay"])
+    assert not stable(2.5 * record.numbers["delay"])
+    for delay in np.geomspace(1e-4, 1.0, 9):
+        assert DelayMargin(float(delay)).check(problem, observer).verdict != "certified" or stable(float(delay))
+
+
+def test_no_late_claim_holds_where_no_gain_does() -> None:
+    observer = dataclasses.replace(MOVING[1], gain=-1.0 * MOVING[1].gain)
+    assert DelayMargin().check(GRID, observer).verdict == "inconclusive"
+    floating = tp.NetworkedAgents(tp.graphs.chain(3, anchors=()), AGENTS["oscillator"])
+    assert DelayMargin(0.01).check(floating, dataclasses.replace(MOVING[1], problem=floating)).verdict == "inconclusive"
+    record = DelayMargin(0.001).check(*MOVING)
+    short = dataclasses.replace(record, witness={**record.witness, "edges": record.witness["edges"][:1]})
+    with pytest.raises(ProtocolError, match="'edges' must hold 2 to 1000 numbers"):
+        DelayMargin.verify(short, *MOVING)
 
 
 def test_static_agents_that_hold_are_stable_at_every_period() -> None:
@@ -116,6 +160,50 @@ def test_the_noise_bound_holds_for_the_covariance_really_reached(agent) -> None:
     assert 12 * record.numbers["per_node"] <= 1.01 * budget.guarantee  # Theorem 5's own number, but for rounding
 
 
+def covariance(observer, process, measurement):
+    """The steady covariance, by SciPy from the assembled matrices (diffusive observers of equal agents)."""
+    agent, graph = observer.agent, observer.graph
+    N = graph.n_nodes
+    E = np.eye(agent.n_states) if agent.E is None else agent.E
+    K = np.kron(graph.incidence().toarray() * graph.arc_weights, observer.gain * observer.injection)
+    R = np.kron(np.diag(1.0 / graph.arc_weights), np.eye(agent.C.shape[0]))
+    noise = process**2 * np.kron(np.eye(N), E @ E.T) + measurement**2 * K @ R @ K.T
+    return la.solve_continuous_lyapunov(observer.error_matrix().toarray(), -noise)
+
+
+@pytest.mark.parametrize("agent", ["static", "double integrator", "oscillator", "two outputs"])
+@pytest.mark.parametrize("levels", [(1.0, 1.0), (0.3, 2.0), (0.0, 1.0)])
+def test_every_nodes_covariance_is_bounded_tightly(agent, levels) -> None:
+    graph = tp.graphs.grid(3, 4, anchors=(0, 11)).with_weight(np.linspace(0.5, 2.0, 19))
+    problem = tp.NetworkedAgents(graph, AGENTS[agent])
+    observer = tp.design(problem, tp.methods.LocalKalman(gain=tp.FromGraph(2.0)))
+    record = CovarianceBound(*levels).check(problem, observer)
+    assert record.verdict == "certified"
+    X = covariance(observer, *levels)
+    truth = np.diagonal(X).reshape(12, -1).sum(axis=1)
+    assert (truth <= record.witness["v"] * (1.0 + 1e-12)).all()
+    assert (record.witness["v"] <= 1.05 * truth).all()
+    assert record.numbers["total"] == pytest.approx(truth.sum(), rel=0.05)
+
+
+def test_a_shared_plants_agents_get_their_bounds_and_what_has_none_says_why() -> None:
+    plant = tp.SharedPlant(
+        np.array([[0.0, 1.0], [-1.0, 0.0]]), [np.array([[1.0, 0.0]]), np.zeros((1, 2))], {0: [1], 1: [0]}
+    )
+    observer = tp.design(plant, tp.methods.CouplingGain(rate=0.5))
+    record = CovarianceBound(0.2, 0.1).check(plant, observer)
+    assert record.verdict == "certified"
+    form = observer.general_form()
+    V = np.vstack([np.eye(2), np.eye(2)])
+    noise = 0.04 * V @ V.T + 0.01 * (form.K @ form.K.T).toarray()
+    X = la.solve_continuous_lyapunov(observer.error_matrix().toarray(), -noise)
+    assert (np.diagonal(X).reshape(2, 2).sum(axis=1) <= record.witness["v"] * (1.0 + 1e-12)).all()
+    large = tp.NetworkedAgents(tp.graphs.chain(400), AGENTS["oscillator"])
+    assert "800 states" in CovarianceBound().check(large, tp.design(large, tp.methods.LocalKalman())).text
+    low = dataclasses.replace(MOVING[1], gain=-1.0)
+    assert "a mode may not decay" in CovarianceBound().check(GRID, low).text
+
+
 CLAIMED = [
     (SwitchingStability(), MOVING, "rate", 2.0),
     (SwitchingStability(max_nodes=9), MOVING, "max_nodes", 10.0),
@@ -126,6 +214,11 @@ CLAIMED = [
     (MeanSquareStability(0.5, 0.45), STATIC, "arrival", 2.0),
     (NoiseBudget(), MOVING, "mu", 2.0),
     (NoiseBudget(), MOVING, "per_node", 0.9),
+    (CovarianceBound(), MOVING, "worst", 0.9),
+    (CovarianceBound(), MOVING, "total", 0.9),
+    (CovarianceBound(), MOVING, "process", 1.5),
+    (CovarianceBound(), MOVING, "measurement", 1.5),
+    (DelayMargin(), MOVING, "delay", 1.6),
 ]
 
 
@@ -139,7 +232,7 @@ def test_no_number_can_be_improved(claim, given, key, factor) -> None:
         for other in (-array, np.zeros_like(array), np.full_like(array, 1e300)):
             spoilt = dataclasses.replace(record, witness={**record.witness, name: other})
             # A delay's vector proves only what is not stable.
-            assert claim.verify(spoilt, *given) != "certified" or isinstance(claim, DelayMargin)
+            assert claim.verify(spoilt, *given) != "certified" or (name == "v" and isinstance(claim, DelayMargin))
 
 
 def test_an_unseen_direction_is_shown_exactly() -> None:
@@ -238,6 +331,8 @@ def test_a_hundred_thousand_claims_near_the_edge(capsys) -> None:
         (MeanSquareStability(0.0, 1.0), "arrival must be a probability"),
         (MeanSquareStability(0.5), "period positive seconds"),
         (DelayMargin(-1.0), "delay must be a number of seconds"),
+        (CovarianceBound(process=-1.0), "process must be a noise level"),
+        (CovarianceBound(measurement=float("nan")), "measurement must be a noise level"),
         (NoiseBudget(-1.0), "mu must be a positive noise level"),
     ],
 )

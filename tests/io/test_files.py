@@ -11,7 +11,7 @@ import pytest
 from tests.io.drawn import assert_same
 from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
 from trigpoint.graphs import EXTERNAL, MeasurementGraph
-from trigpoint.io import DOCUMENT_WRITERS, DOCUMENTS, FORMATS, load, save, write_atomically
+from trigpoint.io import DOCUMENT_WRITERS, DOCUMENTS, FORMATS, load, save, text, write_atomically
 from trigpoint.io.formats import NETWORK_FORMATS
 from trigpoint.model import Network
 
@@ -150,3 +150,11 @@ def test_links_are_followed_modes_are_kept_and_bytes_are_bytes(tmp_path):
     assert stat.S_IMODE(target.stat().st_mode) == 0o640
     write_atomically(os.devnull, "gone")
     assert not os.path.isfile(os.devnull)
+
+
+def test_an_oversized_file_is_refused_before_it_is_read(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(text, "LARGEST_FILE", 100)
+    path = tmp_path / "certificate.json"
+    path.write_text("{" + " " * 200 + "}", encoding="utf-8")
+    with pytest.raises(FileFormatError, match="got 202 bytes; files of at most 100 bytes are read"):
+        tp.load(path)

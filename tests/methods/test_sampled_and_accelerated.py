@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import trigpoint as tp
 from trigpoint.analysis import sampling
 from trigpoint.errors import ArgumentError, MethodError
+from trigpoint.linalg.balls import Ball
 from trigpoint.linalg.interval_stability import contraction_on_interval
 from trigpoint.methods import Accelerated, DiscreteKalman, Fixed, LocalKalman, Sampled
 from trigpoint.methods.accelerated import convergence_factor, heavy_ball, predicted_exchanges
@@ -130,7 +131,7 @@ def test_no_interval_is_called_stable_that_is_not(seed) -> None:
     n = int(rng.integers(1, 4))
     M0, M1 = rng.normal(size=(n, n)), rng.normal(size=(n, n))
     M0, M1 = M0 * rng.uniform(0.3, 1.2) / np.linalg.norm(M0, 2), M1 * 0.4 / np.linalg.norm(M1, 2)
-    found = contraction_on_interval(M0, M1, 0.0, 1.0)
+    found = contraction_on_interval(Ball.exact(M0), Ball.exact(M1), 0.0, 1.0)
     radii = [np.abs(np.linalg.eigvals(M0 + s * M1)).max() for s in np.linspace(0, 1, 1001)]
     if found.stable is True:
         assert max(radii) < 1.0

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import lambertw
 
-from trigpoint.arrays import FloatArray, transition_and_integral
+from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
+from trigpoint.linalg.balls import Ball, transition_and_integral
 from trigpoint.linalg.interval_stability import IntervalVerdict, contraction_on_interval
 
 _LARGEST_OPERATOR = 50
@@ -99,10 +100,10 @@ def gossip_rate(lambda_min: float, energy: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SampledMode:
-    """One exchange of a mode: ``e+ = (start + gain lambda pull) e``."""
+    """One exchange of a mode: ``e+ = (start + gain lambda pull) e``, both matrices with their rounding errors."""
 
-    start: FloatArray
-    pull: FloatArray
+    start: Ball
+    pull: Ball
 
 
 def sampled_mode(form: str, A: FloatArray, K: FloatArray, C: FloatArray, period: float) -> SampledMode:
@@ -111,13 +112,14 @@ def sampled_mode(form: str, A: FloatArray, K: FloatArray, C: FloatArray, period:
     euler: ``I + h (A - g K C)``; innovation-held: ``e^{A h} - g int e^{A s} ds K C``; discrete: ``A - g K C``. A, K, C
     as in ``mode_matrices``. Source: theory 6-F1, 6-F7, 6-F8.
     """
+    own, output = Ball.exact(A), Ball.exact(K) @ Ball.exact(C)
     if form == "euler":
-        return SampledMode(np.eye(A.shape[0]) + period * A, -period * K @ C)
+        return SampledMode(Ball.exact(np.eye(A.shape[0])) + own.times(period), output.times(-period))
     if form == "innovation-held":
-        transition, integral = transition_and_integral(A, period)
-        return SampledMode(transition, -integral @ K @ C)
+        transition, integral = transition_and_integral(own, period)
+        return SampledMode(transition, (integral @ output).times(-1.0))
     if form == "discrete":
-        return SampledMode(A, -K @ C)
+        return SampledMode(own, output.times(-1.0))
     raise ArgumentError(f"form must be 'euler', 'innovation-held' or 'discrete'; got {form!r}")
 
 
@@ -126,7 +128,7 @@ def sampled_stability(mode: SampledMode, gain: float, low: float, high: float) -
 
     True is proved (convexity of the Lyapunov inequality piece by piece), None undecided. Source: theory 6-F7.
     """
-    return contraction_on_interval(mode.start, gain * mode.pull, low, high)
+    return contraction_on_interval(mode.start, mode.pull.times(gain), low, high)
 
 
 def period_limit(
@@ -141,7 +143,7 @@ def period_limit(
 
     def stable(period: float) -> bool:
         mode = sampled_mode(form, A, K, C, period)
-        maps = mode.start + values[:, None, None] * mode.pull
+        maps = mode.start.middle + values[:, None, None] * mode.pull.middle
         return bool(np.abs(np.linalg.eigvals(maps)).max() < 1.0)
 
     low = 1e-3 / max(float(np.linalg.norm(A - values[-1] * K @ C, 2)), 1e-300)

@@ -2,6 +2,7 @@
 
 from trigpoint.certificates.base import Claim
 from trigpoint.certificates.convergence import Convergence
+from trigpoint.certificates.covariance import CovarianceBound
 from trigpoint.certificates.delay import DelayMargin
 from trigpoint.certificates.locality import Locality
 from trigpoint.certificates.mean_square import MeanSquareStability
@@ -19,6 +20,7 @@ __all__ = [
     "Claim",
     "ClaimRecord",
     "Convergence",
+    "CovarianceBound",
     "DelayMargin",
     "Locality",
     "MeanSquareStability",

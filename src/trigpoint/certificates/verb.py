@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from trigpoint.arrays import digest_of
 from trigpoint.certificates.base import Claim
 from trigpoint.certificates.convergence import Convergence
+from trigpoint.certificates.covariance import CovarianceBound
 from trigpoint.certificates.delay import DelayMargin
 from trigpoint.certificates.locality import Locality
 from trigpoint.certificates.mean_square import MeanSquareStability
@@ -33,6 +34,7 @@ CLAIMS: tuple[type[Claim], ...] = (
     DelayMargin,
     MeanSquareStability,
     NoiseBudget,
+    CovarianceBound,
     Observable,
 )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from trigpoint.certificates import (
     Claim,
+    CovarianceBound,
     DelayMargin,
     MeanSquareStability,
     NoiseBudget,
@@ -29,5 +30,5 @@ def claims_asked(
             raise ArgumentError("--arrival needs --period: seconds between two exchanges")
         claims.append(MeanSquareStability(arrival, period))
     if mu is not None:
-        claims.append(NoiseBudget(mu))
+        claims += [NoiseBudget(mu), CovarianceBound(mu, mu)]
     return claims

@@ -154,7 +154,8 @@ def certify_command(
         int | None, typer.Option("--max-nodes", help="Also: stable under switching among networks of so many nodes.")
     ] = None,
     mu: Annotated[
-        float | None, typer.Option("--mu", help="Also: a bound of the steady error at this noise level.")
+        float | None,
+        typer.Option("--mu", help="Also: bounds of the steady error at this noise level."),
     ] = None,
     out: Out = None,
     as_json: Json = False,

@@ -15,9 +15,16 @@ Fail = Callable[[int, str], FileFormatError]
 """Makes the error for row k: it knows the file and the row's line."""
 
 
+LARGEST_FILE = 4 * 1024**3
+"""Bytes: ten million arcs with their certificate fit; a file that claims more is refused before it is read."""
+
+
 def read_bytes(path: str | Path) -> bytes:
-    """Return the whole file; a missing file, a folder or an unreadable file is a ``FileFormatError``."""
+    """Return the whole file; a missing, oversized or unreadable file, or a folder, is a ``FileFormatError``."""
     try:
+        size = Path(path).stat().st_size
+        if size > LARGEST_FILE:
+            raise FileFormatError(path, f"got {size} bytes; files of at most {LARGEST_FILE} bytes are read")
         return Path(path).read_bytes()
     except FileNotFoundError:
         raise FileFormatError(path, "there is no such file; check the name and the folder") from None

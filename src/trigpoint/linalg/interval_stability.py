@@ -8,11 +8,11 @@ import numpy as np
 import scipy.linalg as la
 
 from trigpoint.arrays import FloatArray
-from trigpoint.linalg.verified import gam, is_positive_definite
+from trigpoint.linalg.balls import Ball, contracts
+from trigpoint.linalg.verified import is_positive_definite
 
 _DEPTH = 60
 _PIECES = 4000
-_INPUT_ERROR = 2.0**-44  # relative; M_0 and M_1 come out of exponentials
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class IntervalVerdict:
     pieces: int
 
 
-def contraction_on_interval(M0: FloatArray, M1: FloatArray, low: float, high: float) -> IntervalVerdict:
+def contraction_on_interval(M0: Ball, M1: Ball, low: float, high: float) -> IntervalVerdict:
     """Decide whether every ``M(s) = M0 + s M1`` with ``low <= s <= high`` has spectral radius below 1.
 
     For a fixed P > 0 the matrix ``M(s)' P M(s) - P`` is convex in s, so that its being negative definite at both ends
@@ -40,13 +40,13 @@ def contraction_on_interval(M0: FloatArray, M1: FloatArray, low: float, high: fl
     proved, a point with radius above 1 is met, or there are too many.
 
     Args:
-        M0, M1: (n, n).
+        M0, M1: (n, n), known up to their rounding errors.
         low, high: ends of the interval.
 
     Cost: O(n^3) a piece. Source: convexity; Rump2006 for the definiteness.
     """
     samples = np.linspace(low, high, 65)
-    radii = [_radius(M0 + s * M1) for s in samples]
+    radii = [_radius(M0.middle + s * M1.middle) for s in samples]
     worst = int(np.argmax(radii))
     radius, at = float(radii[worst]), float(samples[worst])
     if radius >= 1.0:
@@ -58,13 +58,13 @@ def contraction_on_interval(M0: FloatArray, M1: FloatArray, low: float, high: fl
         if pieces > _PIECES or depth > _DEPTH:
             return IntervalVerdict(None, radius, at, pieces)
         middle = 0.5 * (left + right)
-        here = _radius(M0 + middle * M1)
+        here = _radius(M0.middle + middle * M1.middle)
         if here > radius:
             radius, at = here, middle
         if here >= 1.0:
             return IntervalVerdict(False if here > 1.0 + 1e-12 else None, radius, at, pieces)
-        P = _lyapunov(M0 + middle * M1)
-        if P is not None and all(_contracts(P, M0, M1, s) for s in (left, right)):
+        P = _lyapunov(M0.middle + middle * M1.middle)
+        if P is not None and all(contracts(P, M0 + M1.times(s)) for s in (left, right)):
             continue
         waiting += [(left, middle, depth + 1), (middle, right, depth + 1)]
     return IntervalVerdict(True, radius, at, pieces)
@@ -81,13 +81,3 @@ def _lyapunov(M: FloatArray) -> FloatArray | None:
         return None
     P = 0.5 * (P + P.T)
     return P if is_positive_definite(P) else None
-
-
-def _contracts(P: FloatArray, M0: FloatArray, M1: FloatArray, s: float) -> bool:
-    """Prove ``P - M' P M > 0`` at s, rounding and a relative error of the inputs included."""
-    M = M0 + s * M1
-    size = np.abs(M0) + abs(s) * np.abs(M1)
-    decrease = P - M.T @ P @ M
-    spread = size.T @ np.abs(P) @ size + np.abs(P)
-    radius = (gam(8.0 * P.shape[0] + 32.0) + 2.0 * _INPUT_ERROR) * spread * 1.01
-    return is_positive_definite(0.5 * (decrease + decrease.T), radius)

@@ -110,7 +110,7 @@ def _proved(
     rate = 0.0
     for share in (0.999, 0.99, 0.9, 0.5):
         lift = float(np.exp(share * computed * period))
-        if sampled_stability(SampledMode(lift * mode.start, lift * mode.pull), gain, *ends).stable is True:
+        if sampled_stability(SampledMode(mode.start.times(lift), mode.pull.times(lift)), gain, *ends).stable is True:
             rate = share * computed
             break
     return rate, {**facts, "spectral_radius": verdict.radius, "pieces": verdict.pieces, "abscissa": -computed}
@@ -180,7 +180,7 @@ class DiscreteKalman(Method):
         growth = float(np.prod(np.maximum(np.abs(np.linalg.eigvals(agent.A)), 1.0)))
         K = _modified_riccati(agent.A, agent.C, np.eye(agent.n_states) if self.process is None else self.process, delta)
         gain = 2.0 / (ends[0] + ends[1])
-        mode = SampledMode(agent.A, np.zeros_like(agent.A) if K is None else -K @ agent.C)
+        mode = sampled_mode("discrete", agent.A, np.zeros_like(agent.C.T) if K is None else K, agent.C, 1.0)
         verdict = sampled_stability(mode, gain, *ends)
         if K is None or verdict.stable is not True:
             raise MethodError(
