@@ -157,4 +157,4 @@ def test_an_oversized_file_is_refused_before_it_is_read(tmp_path, monkeypatch) -
     path = tmp_path / "certificate.json"
     path.write_text("{" + " " * 200 + "}", encoding="utf-8")
     with pytest.raises(FileFormatError, match="got 202 bytes; files of at most 100 bytes are read"):
-        tp.load(path)
+        load(path)
