@@ -12,6 +12,7 @@ import scipy.linalg as la
 
 import trigpoint as tp
 from tests.certificates.oracle import AGENTS, drawn_graph
+from trigpoint.arrays import transition_and_integral
 from trigpoint.certificates import (
     Convergence,
     CovarianceBound,
@@ -129,6 +130,42 @@ def test_a_sampled_step_is_certified_up_to_its_limit_and_not_beyond(form) -> Non
             assert radius <= record.numbers["factor"] <= 1.0
             assert SampledStability.verify(record, GRID, observer) == "certified"
     assert seen == {"certified", "inconclusive"} if form == "innovation-held" else "certified" in seen
+
+
+@pytest.mark.parametrize("agent", ["double integrator", "oscillator"])
+def test_equal_programs_are_proved_over_their_whole_spectrum_whatever_their_number(agent) -> None:
+    """Theory 6-F7: the period of 0.9 of the limit is proved for 900 states; the whole-network proof ends at 600."""
+    problem = tp.NetworkedAgents(tp.graphs.grid(15, 30, anchors=(0, 449)), AGENTS[agent])
+    designed = tp.design(problem, tp.methods.LocalKalman(gain=tp.Fixed(2.0)))
+    programs = designed.as_programs()
+    nodes = tuple(dataclasses.replace(node, exchange="innovation-held", _memo={}) for node in programs.nodes)
+    observer = dataclasses.replace(programs, nodes=nodes)
+    values, pull = 2.0 * np.linalg.eigvalsh(problem.graph.laplacian().toarray()), designed.injection @ designed.agent.C
+
+    def radius(period: float) -> float:
+        transition, integral = transition_and_integral(designed.agent.A, period)
+        return float(np.abs(np.linalg.eigvals(transition - values[:, None, None] * (integral @ pull))).max())
+
+    periods = np.geomspace(1e-2, 3.0, 300)
+    limit = next(float(p) for p in periods if radius(float(p)) >= 1.0)
+    record = SampledStability(0.9 * limit).check(problem, observer)
+    assert radius(0.9 * limit) < 1.0
+    assert record.verdict == "certified"
+    assert SampledStability.verify(record, problem, observer) == "certified"
+    assert radius(0.9 * limit) <= record.numbers["factor"] < 1.0
+    assert SampledStability(1.01 * limit).check(problem, observer).verdict == "inconclusive"
+    for key, value in (("factor", 0.5), ("period", 2.0 * limit), ("lambda_floor", 0.5)):
+        forged = dataclasses.replace(record, numbers={**record.numbers, key: value})
+        assert SampledStability.verify(forged, problem, observer) != "certified"
+    for name, array in record.witness.items():
+        spoilt = dataclasses.replace(record, witness={**record.witness, name: -array})
+        assert SampledStability.verify(spoilt, problem, observer) != "certified"
+    short = dataclasses.replace(record, witness={**record.witness, "edges": np.zeros(1)})
+    with pytest.raises(ProtocolError, match="'edges' must hold 2 to 10000 numbers"):
+        SampledStability.verify(short, problem, observer)
+    other = dataclasses.replace(nodes[3], A=1.01 * nodes[3].A, _memo={})
+    unequal = dataclasses.replace(observer, nodes=(*nodes[:3], other, *nodes[4:]))
+    assert SampledStability.verify(record, problem, unequal) == "inconclusive"
 
 
 def test_one_function_decreases_on_every_small_network() -> None:

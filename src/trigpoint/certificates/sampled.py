@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import scipy.linalg as la
 
+from trigpoint.analysis import smallest_eigenvalue
 from trigpoint.arrays import FloatArray
-from trigpoint.certificates import programs
+from trigpoint.certificates import equal_programs, programs
 from trigpoint.certificates.base import Claim, number, witness
-from trigpoint.certificates.statics import static_pull
+from trigpoint.certificates.smallest_eigenvalue import proved_floor
+from trigpoint.certificates.statics import largest_eigenvalue_upper, static_pull
+from trigpoint.errors import ProtocolError
+from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.balls import Ball, contracts, transition_and_integral
 from trigpoint.linalg.equations import near_singular_allowed
+from trigpoint.linalg.interval_stability import contraction_on_interval
 from trigpoint.linalg.verified import gam, is_positive_definite
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
@@ -30,9 +35,11 @@ _ASSUMPTIONS = (
 class SampledStability(Claim):
     """``e+ = M e`` from one exchange to the next has ``|e_k| <= c factor^k |e_0|``, for the programs as stored.
 
-    Proved by ``factor^2 P - M' P M > 0``, with exponentials enclosed by Taylor sums and remainders (theory 6-F7), up
-    to 600 states. Static agents that hold their neighbours' values contract at every period (6-F2): each exchange
-    replaces an estimate by an average of its own, its neighbours' and the anchors' values; any number of nodes.
+    Proved by ``factor^2 P - M' P M > 0``, with exponentials enclosed by Taylor sums and remainders (theory 6-F7): for
+    equal programs with equal gains (``innovation-held``; ``euler`` of constants) on the whole interval of eigenvalues,
+    piece by piece, any number of nodes; for others as a whole, up to 600 states. Static agents that hold their
+    neighbours' values contract at every period (6-F2): each exchange replaces an estimate by an average of its own,
+    its neighbours' and the anchors' values; any number of nodes.
 
     Args:
         period: seconds; the observer's own unless given.
@@ -56,6 +63,9 @@ class SampledStability(Claim):
         if _averages(observer):
             text = f"contracts at a period of {period:g} s, and at every other: each node averages"
             return self._record("certified", period, 1.0, {}, text)
+        split = _modes(observer, period)
+        if split is not None:
+            return self._check_modes(split, period)
         M, why = _step(observer, period)
         if M is None:
             return self._record("inconclusive", period, 0.0, {}, f"nothing could be proved: {why}")
@@ -68,6 +78,21 @@ class SampledStability(Claim):
                 return self._record("certified", period, factor, {"P": P}, text)
         text = f"no contraction could be proved at a period of {period:g} s (computed spectral radius {radius:.9g})"
         return self._record("inconclusive", period, radius, {}, text)
+
+    def _check_modes(self, split: _Modes, period: float) -> ClaimRecord:
+        bound = smallest_eigenvalue(split.graph)
+        ends = (bound.lower, largest_eigenvalue_upper(split.graph))
+        verdict = contraction_on_interval(split.start, split.pull, *ends)
+        for share in (1e-6, 1e-3, 0.05, 0.3) if verdict.stable is True and bound.lower > 0.0 else ():
+            factor = verdict.radius + share * (1.0 - verdict.radius)
+            proof = equal_programs.prove(split.start, split.pull, ends, factor)
+            if proof is not None:
+                arrays = {"edges": proof[0], "P": proof[1], "x": bound.witness}
+                text = f"contracts by {factor:.9g} from exchange to exchange at a period of {period:g} s, mode by mode"
+                record = self._record("certified", period, factor, arrays, text)
+                return replace(record, numbers={**record.numbers, "lambda_floor": bound.lower})
+        text = f"no contraction could be proved at a period of {period:g} s (largest modal radius {verdict.radius:.9g})"
+        return self._record("inconclusive", period, verdict.radius, {}, text)
 
     def _record(
         self, verdict: Outcome, period: float, factor: float, arrays: dict[str, FloatArray], text: str
@@ -82,11 +107,54 @@ class SampledStability(Claim):
             return "inconclusive"
         if factor == 1.0:
             return "certified" if _averages(observer) else "inconclusive"
+        if "edges" in record.witness:
+            return _verify_modes(record, observer, period, factor)
         M, _ = _step(observer, period)
         if M is None or "P" not in record.witness:
             return "inconclusive"
         P = witness(record, "P", M.middle.shape)
         return "certified" if is_positive_definite(P) and contracts(P, M, factor) else "inconclusive"
+
+
+@dataclass(frozen=True, eq=False)
+class _Modes:
+    """The step of mode lambda, ``start + lambda pull``."""
+
+    start: Ball
+    pull: Ball
+    graph: MeasurementGraph
+
+
+def _modes(observer: NetworkObserver, period: float) -> _Modes | None:
+    """Equal programs split into modes, whatever their number; None for all others."""
+    if not isinstance(observer, AssembledObserver) or observer.period not in (None, period):
+        return None
+    same = equal_programs.equal_programs(observer)
+    moving = same is not None and bool(same.node.A.any())
+    if same is None or (moving and same.node.exchange == "euler") or not same.graph.is_externally_connected:
+        return None
+    if same.node.exchange == "discrete" and observer.period is not None:
+        return None  # the truth moves by e^{A h}, which no stored map equals
+    transition, phi = _maps(same.node, period)
+    return _Modes(
+        transition, (phi @ (Ball.exact(same.gain) @ Ball.exact(same.node.arcs[0].output))).times(-1.0), same.graph
+    )
+
+
+def _verify_modes(record: ClaimRecord, observer: NetworkObserver, period: float, factor: float) -> Outcome:
+    split = _modes(observer, period)
+    if split is None:
+        return "inconclusive"
+    edges, n = record.witness["edges"], split.start.middle.shape[0]
+    count = edges.shape[0] if edges.ndim == 1 else 0
+    if not 2 <= count <= 10_000:
+        raise ProtocolError(f"the witness 'edges' must hold 2 to 10000 numbers; got the shape {edges.shape}")
+    floor = number(record, "lambda_floor")
+    if not 0.0 < floor <= proved_floor(record, split.graph):
+        return "inconclusive"
+    P, ends = witness(record, "P", (count - 1, n, n)), (floor, largest_eigenvalue_upper(split.graph))
+    proved = equal_programs.covers(split.start, split.pull, ends, factor, witness(record, "edges", (count,)), P)
+    return "certified" if proved else "inconclusive"
 
 
 def _averages(observer: NetworkObserver) -> bool:

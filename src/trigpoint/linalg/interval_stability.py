@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg as la
@@ -15,7 +15,7 @@ _DEPTH = 60
 _PIECES = 4000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class IntervalVerdict:
     """Whether the spectral radius is below 1 on the whole interval.
 
@@ -24,12 +24,16 @@ class IntervalVerdict:
         radius: largest computed spectral radius seen.
         at: where it was seen.
         pieces: subintervals used by the proof.
+        edges: (m + 1,) ends of the pieces, where it was proved; empty otherwise.
+        P: (m, n, n) the matrix of each piece.
     """
 
     stable: bool | None
     radius: float
     at: float
     pieces: int
+    edges: FloatArray = field(default_factory=lambda: np.zeros(0))
+    P: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
 
 def contraction_on_interval(M0: Ball, M1: Ball, low: float, high: float) -> IntervalVerdict:
@@ -51,7 +55,7 @@ def contraction_on_interval(M0: Ball, M1: Ball, low: float, high: float) -> Inte
     radius, at = float(radii[worst]), float(samples[worst])
     if radius >= 1.0:
         return IntervalVerdict(False if radius > 1.0 + 1e-12 else None, radius, at, 0)
-    waiting, pieces = [(low, high, 0)], 0
+    waiting, pieces, proved = [(low, high, 0)], 0, []
     while waiting:
         left, right, depth = waiting.pop()
         pieces += 1
@@ -65,9 +69,11 @@ def contraction_on_interval(M0: Ball, M1: Ball, low: float, high: float) -> Inte
             return IntervalVerdict(False if here > 1.0 + 1e-12 else None, radius, at, pieces)
         P = _lyapunov(M0.middle + middle * M1.middle)
         if P is not None and all(contracts(P, M0 + M1.times(s)) for s in (left, right)):
+            proved.append((right, P))
             continue
-        waiting += [(left, middle, depth + 1), (middle, right, depth + 1)]
-    return IntervalVerdict(True, radius, at, pieces)
+        waiting += [(middle, right, depth + 1), (left, middle, depth + 1)]  # the left one is taken first
+    edges = np.array([low, *(right for right, _ in proved)])
+    return IntervalVerdict(True, radius, at, pieces, edges, np.stack([P for _, P in proved]))
 
 
 def _radius(M: FloatArray) -> float:
