@@ -17,6 +17,7 @@ from trigpoint.observers.run import Run
 _KIND = "trigpoint/run"
 _VERSION = 1
 _ARRAYS = ("times", "truth", "estimate", "messages", "status")
+_OPTIONAL = ("delivered", "bytes", "lambda_min")
 
 
 def read_run(path: str | Path) -> Run:
@@ -28,6 +29,7 @@ def read_run(path: str | Path) -> Run:
             if not isinstance(header, dict) or (header.get("kind"), header.get("version")) != (_KIND, _VERSION):
                 raise FileFormatError(path, f"is not a recorded run of version {_VERSION}")
             arrays = {name: archive[name] for name in _ARRAYS}
+            arrays |= {name: archive[name] for name in _OPTIONAL if name in archive}
         names = tuple(str(name) for name in header["names"])
         return Run(**arrays, names=names, path=str(header["path"]), attributes=dict(header["attributes"]))
     except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
@@ -51,5 +53,6 @@ def run_bytes(run: Any) -> bytes:
     }
     buffer = io.BytesIO()
     arrays: dict[str, Any] = {name: getattr(run, name) for name in _ARRAYS}
+    arrays |= {name: getattr(run, name) for name in _OPTIONAL if getattr(run, name) is not None}
     np.savez_compressed(buffer, header=np.array(json.dumps(header)), **arrays)
     return buffer.getvalue()

@@ -215,9 +215,13 @@ class LocalObserver:
         maps: tuple[FloatArray, FloatArray, FloatArray] = self._memo[key]
         return maps
 
-    def maps(self, duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """``(T, D, Phi)`` of ``z+ = T z + D B u + Phi correction`` over ``duration`` [s] when everybody is heard."""
-        return self._maps(tuple(range(len(self.arcs))), float(duration))
+    def maps(self, duration: float, *, alone: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``(T, D, Phi)`` of ``z+ = T z + D B u + Phi correction`` over ``duration`` [s] when everybody is heard.
+
+        With ``alone`` nobody is: only arcs without neighbours count.
+        """
+        heard = tuple(k for k, arc in enumerate(self.arcs) if not (alone and arc.heard))
+        return self._maps(heard, float(duration))
 
     def _new_maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         identity = np.eye(self.n_states)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from trigpoint.arrays import FloatArray, IntArray
 from trigpoint.errors import ArgumentError, MissingExtraError, ShapeError
 
-_SERIES = ("error", "estimate", "messages", "status", "truth")
+_SERIES = ("bytes", "delivered", "error", "estimate", "lambda_min", "messages", "status", "truth")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +25,13 @@ class Run:
         truth: (T, N, n) state of each node.
         estimate: (T, N, n) what each node believed.
         messages: (T, N) messages each node has sent so far.
-        status: (T, N) text, ``anchored`` or ``relative``.
+        status: (T, N) text: ``anchored``, ``relative`` or ``away``.
         names: N node names.
         path: which engine ran (``stacked``, ``reference``, ``processes``).
         attributes: numbers and texts enough to run it again.
+        delivered: (T, N) messages that each node has taken in so far; None where the path does not count them.
+        bytes: (T, N) bytes that each node has sent so far, or None.
+        lambda_min: (T,) smallest eigenvalue of the topology at work at each time, or None.
 
     ``run["error"]`` and the other series are arrays [time, node, state]; error = estimate - truth.
     """
@@ -40,14 +44,18 @@ class Run:
     names: tuple[str, ...]
     path: str
     attributes: Mapping[str, Any] = field(default_factory=dict)
+    delivered: IntArray | None = None
+    bytes: IntArray | None = None
+    lambda_min: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes once, so that no reader has to."""
         if self.truth.shape != self.estimate.shape or self.truth.ndim != 3:
             raise ShapeError(f"truth {self.truth.shape} and estimate {self.estimate.shape} must both be (T, N, n)")
         expected = (self.times.shape[0], len(self.names))
-        for name, table in (("truth", self.truth), ("messages", self.messages), ("status", self.status)):
-            if table.shape[:2] != expected:
+        for name in ("truth", "messages", "status", "delivered", "bytes"):
+            table = getattr(self, name)
+            if table is not None and table.shape[:2] != expected:
                 raise ShapeError(f"{name} must begin with the shape (T, N) = {expected}; got {table.shape}")
 
     def __repr__(self) -> str:
@@ -63,14 +71,16 @@ class Run:
 
     @property
     def error_norm(self) -> FloatArray:
-        """(T,) Euclidean norm of the whole network's error."""
-        norm: FloatArray = np.sqrt((self.error**2).sum(axis=(1, 2)))
+        """(T,) Euclidean norm of the whole network's error; nodes that are away do not count."""
+        norm: FloatArray = np.sqrt(np.nansum(self.error**2, axis=(1, 2)))
         return norm
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in _SERIES:
             raise ArgumentError(f"a run holds {', '.join(_SERIES)}; got {name!r}")
-        series: NDArray[Any] = getattr(self, name)
+        series: NDArray[Any] | None = getattr(self, name)
+        if series is None:
+            raise ArgumentError(f"this run, path {self.path!r}, did not record {name!r}")
         return series
 
     def time_to(self, level: float) -> float | None:
@@ -117,14 +127,20 @@ class Run:
         except ImportError as error:
             raise MissingExtraError("xarray", "data", "run.dataset") from error
         cube = ("time", "node", "state")
+        tables: dict[str, Any] = {
+            name: (("time", "node"), getattr(self, name))
+            for name in ("messages", "delivered", "bytes", "status")
+            if getattr(self, name) is not None
+        }
+        if self.lambda_min is not None:
+            tables["lambda_min"] = (("time",), self.lambda_min)
         return xarray.Dataset(
-            {
-                "truth": (cube, self.truth),
-                "estimate": (cube, self.estimate),
-                "error": (cube, self.error),
-                "messages": (("time", "node"), self.messages),
-                "status": (("time", "node"), self.status),
-            },
+            {"truth": (cube, self.truth), "estimate": (cube, self.estimate), "error": (cube, self.error), **tables},
             coords={"time": self.times, "node": list(self.names), "state": np.arange(self.truth.shape[2])},
-            attrs={"path": self.path, **self.attributes},
+            attrs={"path": self.path, **{key: _flat(value) for key, value in self.attributes.items()}},
         )
+
+
+def _flat(value: Any) -> Any:
+    """Nested attributes as JSON text, so that every file format takes them."""
+    return json.dumps(value) if isinstance(value, Mapping) else value

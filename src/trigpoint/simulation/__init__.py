@@ -1,6 +1,24 @@
-"""Simulation: the stacked path, the slow reference path, one verb."""
+"""Simulation: the stacked path, the modal path, the slow reference path, one verb."""
 
-from trigpoint.simulation.scenario import Channel, Noise, Scenario
+from trigpoint.simulation.channel import Bursts, Channel, Outage, Trigger
+from trigpoint.simulation.clocks import Clocks
+from trigpoint.simulation.motion import Bouncing, Trajectory, proximity
+from trigpoint.simulation.scenario import Noise, Scenario
+from trigpoint.simulation.topology import Absence, Topology
 from trigpoint.simulation.verb import simulate
 
-__all__ = ["Channel", "Noise", "Scenario", "simulate"]
+__all__ = [
+    "Absence",
+    "Bouncing",
+    "Bursts",
+    "Channel",
+    "Clocks",
+    "Noise",
+    "Outage",
+    "Scenario",
+    "Topology",
+    "Trajectory",
+    "Trigger",
+    "proximity",
+    "simulate",
+]

@@ -1,24 +1,45 @@
-"""Sampled runs of assembled observers: all nodes at once, or each program by itself with messages in between."""
+"""Sampled runs of assembled observers, all nodes at once: one clock, every message arrives after the same delay."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
-from trigpoint.arrays import FloatArray
-from trigpoint.linalg.blocks import diagonal_of
+from trigpoint.arrays import FloatArray, IntArray, transition_and_integral
+from trigpoint.linalg.blocks import Ranges, diagonal_of
 from trigpoint.observers.assembled import AssembledObserver
-from trigpoint.observers.local import LocalObserver, LocalState, Message, accelerated, chebyshev_factor
+from trigpoint.observers.local import LocalState, accelerated, chebyshev_factor
+from trigpoint.simulation.channel import Channel
 from trigpoint.simulation.clockwork import ticks
 from trigpoint.simulation.scenario import Scenario
-from trigpoint.simulation.stacked import Progress, Series
+from trigpoint.simulation.stacked import Progress
+from trigpoint.simulation.wire import HEAD_BYTES
 from trigpoint.simulation.world import World, padded
 
 Readings = dict[int, FloatArray]
 _Maps = tuple[sp.csr_array, FloatArray, sp.csr_array]
+_SNAP = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """What went over the wire so far: (T, N) messages sent, messages each node has taken in, bytes sent (or None)."""
+
+    sent: IntArray
+    delivered: IntArray | None = None
+    bytes: IntArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """Truth and estimates (T, N, n) at the first T output times, and the traffic."""
+
+    truth: FloatArray
+    estimate: FloatArray
+    traffic: Traffic
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,55 +52,133 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """An exchange every ``period`` seconds, all nodes ``at_once`` or one by one."""
+    """An exchange every ``period`` seconds."""
 
     period: float
-    at_once: bool
     progress: Progress
 
 
-class _Engine(Protocol):
-    """How all nodes take one exchange."""
+@dataclass(frozen=True, eq=False)
+class ArcForm:
+    """Every arc of every program as a row: ``innovation = own z + other z_heard + reading y``, ``z' += gain`` of it.
 
-    def exchange(self, readings: Readings, lost: set[tuple[str, str]]) -> None:
-        """Send, read and correct."""
-        ...
+    Attributes:
+        own, other: sparse (rows, total) what the node's own value and its neighbours' values are multiplied by.
+        reading: sparse (rows, readings).
+        gain: sparse (total, rows).
+        node: (rows,) whose arc it is.
+        hears: (rows,) True where the row uses a message.
+    """
 
-    def after(self, duration: float) -> FloatArray:
-        """All values z, stacked, ``duration`` seconds after the exchange."""
-        ...
+    own: sp.csr_array
+    other: sp.csr_array
+    reading: sp.csr_array
+    gain: sp.csr_array
+    node: IntArray
+    hears: FloatArray
 
-    def settle(self, duration: float) -> None:
-        """Go on from there."""
-        ...
+    @staticmethod
+    def of(observer: AssembledObserver) -> ArcForm:
+        """Take the programs apart."""
+        states, position = observer.states, {name: k for k, name in enumerate(observer.names)}
+        sizes = observer.channels.readings
+        rows = Ranges.of(arc.output.shape[0] for node in observer.nodes for arc in node.arcs)
+        own, other, reading, gain = (_Blocks() for _ in range(4))
+        owner, hears, number = [], [], 0
+        for k, node in enumerate(observer.nodes):
+            for arc in node.arcs:
+                row = rows.start(number)
+                own.add(row, states.start(k), -arc.output)
+                for name, block in arc.heard:
+                    other.add(row, states.start(position[name]), block)
+                if arc.label is not None:
+                    reading.add(row, sizes.start(arc.label), arc.sign * np.eye(arc.output.shape[0]))
+                gain.add(states.start(k), row, arc.gain)
+                owner += [k] * arc.output.shape[0]
+                hears += [float(bool(arc.heard))] * arc.output.shape[0]
+                number += 1
+        shape = (rows.total, states.total)
+        return ArcForm(
+            own.matrix(shape),
+            other.matrix(shape),
+            reading.matrix((rows.total, sizes.total)),
+            gain.matrix((states.total, rows.total)),
+            np.array(owner, dtype=np.int64),
+            np.array(hears),
+        )
 
 
-def sampled(observer: AssembledObserver, world: World, scenario: Scenario, how: Sampling, start: Start) -> Series:
-    """One exchange after the other; noise and losses are drawn in one order whichever engine runs."""
+class _Blocks:
+    def __init__(self) -> None:
+        self._parts: list[tuple[IntArray, IntArray, FloatArray]] = []
+
+    def add(self, row: int, column: int, block: FloatArray) -> None:
+        i, j = np.nonzero(block)
+        self._parts.append((i + row, j + column, np.asarray(block)[i, j]))
+
+    def matrix(self, shape: tuple[int, int]) -> sp.csr_array:
+        if not self._parts:
+            return sp.csr_array(shape)
+        i, j, entries = (np.concatenate(part) for part in zip(*self._parts, strict=True))
+        return sp.csr_array(sp.coo_array((entries, (i, j)), shape=shape))
+
+
+def sampled(observer: AssembledObserver, world: World, scenario: Scenario, how: Sampling, start: Start) -> Recorded:
+    """One exchange after the other; noise is drawn in the order of the reference path. Ctrl-C keeps what there is."""
     rng, truth = np.random.default_rng(scenario.seed), start.truth
-    engine: _Engine = (AtOnce if how.at_once else OneByOne)(observer, world, start)
+    engine = AtOnce(observer, world, start, scenario.channel or Channel(), how.period)
     deviation, process = (0.0, 0.0) if scenario.noise is None else (scenario.noise.measurement, scenario.noise.process)
-    loss = 0.0 if scenario.channel is None else scenario.channel.loss
-    links = [(sender, node.name) for node in observer.nodes for sender in node.hears]
-    sent = np.array([sum(sender == name for sender, _ in links) for name in observer.names])
     factors = [] if process == 0.0 else world.noise_factors(process, how.period)
-    truths, estimates, messages = [], [], []
-    for tick in how.progress(ticks(scenario.times, how.period)):
-        chances = rng.random(len(links)) if loss else np.ones(len(links))
-        noise = deviation * rng.standard_normal(world.channels.C.shape[0]) if deviation else None
-        readings = world.read(truth, noise)
-        engine.exchange(readings, {link for link, chance in zip(links, chances, strict=True) if chance < loss})
-        for _, late in tick.outputs:
-            # A map says nothing about the time between two exchanges: there the last values stand.
-            shown = 0.0 if observer.is_discrete else late
-            now = world.advance(truth, 0.0 if world.is_map else late)
-            truths.append(padded(world.shown(now)))
-            estimates.append(estimates_of(observer, engine.after(shown), readings if late == 0.0 else world.read(now)))
-            messages.append((tick.number + (late > 0.0)) * sent)
-        engine.settle(how.period)
-        drawn = [factor @ rng.standard_normal(factor.shape[1]) for factor in factors]
-        truth = world.advance(truth, how.period, np.concatenate(drawn) if drawn else None)
-    return np.stack(truths), np.stack(estimates), np.stack(messages)
+    truths, estimates, counts = [], [], []
+    try:
+        for tick in how.progress(ticks(scenario.times, how.period)):
+            noise = deviation * rng.standard_normal(world.channels.C.shape[0]) if deviation else None
+            readings = world.read(truth, noise)
+            engine.exchange(readings)
+            for _, late in tick.outputs:
+                # A map says nothing about the time between two exchanges: there the last values stand.
+                shown = 0.0 if observer.is_discrete else late
+                now, known = _later(world, scenario, truth, tick.number * how.period, 0.0 if world.is_map else late)
+                truths.append(padded(world.shown(now)))
+                value = engine.after(shown) + (known if shown else 0.0)
+                estimates.append(estimates_of(observer, value, readings if late == 0.0 else world.read(now)))
+                counts.append((tick.number, late))
+            drawn = [factor @ rng.standard_normal(factor.shape[1]) for factor in factors]
+            moved, known = _later(world, scenario, truth, tick.number * how.period, how.period)
+            engine.settle(how.period, known)
+            truth = moved + np.concatenate(drawn) if drawn else moved
+    except KeyboardInterrupt:
+        if not estimates:
+            raise
+    kept = len(estimates)
+    return Recorded(
+        np.stack(truths[:kept]), np.stack(estimates), _traffic(observer, scenario, counts[:kept], how.period)
+    )  # fmt: skip
+
+
+def _later(
+    world: World, scenario: Scenario, truth: FloatArray, time: float, duration: float
+) -> tuple[FloatArray, FloatArray | float]:
+    """The truth ``duration`` later, and what a given motion adds for each node to its free motion."""
+    free = world.advance(truth, duration)
+    if scenario.motion is None or duration == 0.0:
+        return free, 0.0
+    moved = scenario.motion.at(time + duration).ravel()
+    return moved, np.concatenate(world.shown(moved - free))
+
+
+def _traffic(
+    observer: AssembledObserver, scenario: Scenario, counts: list[tuple[int, float]], period: float
+) -> Traffic:  # fmt: skip
+    """Nobody loses anything: numbers follow from the exchanges before each output, and from the delay."""
+    channel = scenario.channel or Channel()
+    links = [(sender, node.name) for node in observer.nodes for sender in node.hears]
+    sent = np.array([sum(sender == name for sender, _ in links) for name in observer.names], dtype=np.int64)
+    received = np.array([len(node.hears) for node in observer.nodes], dtype=np.int64)
+    size = [HEAD_BYTES + int(np.ceil(channel.bits_per_value * node.n_states / 8.0)) for node in observer.nodes]
+    spoken = np.array([number + (late > 0.0) for number, late in counts], dtype=np.int64)
+    heard = np.maximum(spoken - int(np.ceil(channel.delay / period - _SNAP)), 0)
+    return Traffic(spoken[:, None] * sent, heard[:, None] * received, spoken[:, None] * sent * np.array(size))
 
 
 def estimates_of(observer: AssembledObserver, stacked: FloatArray, readings: Readings) -> FloatArray:
@@ -89,32 +188,47 @@ def estimates_of(observer: AssembledObserver, stacked: FloatArray, readings: Rea
     return padded([node.estimate(LocalState(0.0, 0, value), readings) for node, value in pairs])
 
 
-def inbox_of(node: LocalObserver, messages: dict[str, Message], lost: set[tuple[str, str]]) -> dict[str, Message]:
-    """The messages of the node's neighbours that were not lost on the way, and no others."""
-    return {name: messages[name] for name in node.hears if (name, node.name) not in lost}
-
-
 class AtOnce:
-    """``z+ = T z + D B u + Phi (K y + (H - blockdiag A_i) z)``, sparse."""
+    """``z+ = T z + D B u + Phi gain (reading y + own z + other z_heard)``, sparse.
 
-    def __init__(self, observer: AssembledObserver, world: World, start: Start) -> None:
-        form = observer.general_form()
-        self._observer, self._value = observer, np.concatenate(start.values)
-        self._injection, self._pull = form.K, form.H - diagonal_of(node.A for node in observer.nodes)
+    Args:
+        observer, world, start: what runs, in which world, from where.
+        channel: its delay, its rounding and its policy for old messages; nothing random.
+        period: seconds between two exchanges.
+    """
+
+    def __init__(
+        self, observer: AssembledObserver, world: World, start: Start, channel: Channel, period: float
+    ) -> None:
+        self._observer, self._value, self._channel = observer, np.concatenate(start.values), channel
+        self._form = ArcForm.of(observer)
         self._correction = np.zeros_like(self._value)
+        self._alone = False
+        self._lag = int(np.ceil(channel.delay / period - _SNAP))
+        self._past: deque[FloatArray] = deque(maxlen=self._lag + 1)
         self._drive = np.concatenate(
             [
                 np.zeros(node.n_states) if told is None or node.B is None else node.B @ told
                 for node, told in zip(observer.nodes, world.inputs, strict=True)
             ]
         )
-        self._maps: dict[float, _Maps] = {}
+        self._age = self._lag * period
+        self._silent = channel.old != "drop" and channel.stale is not None and self._age > channel.stale * (1.0 + _SNAP)
+        self._maps: dict[tuple[float, bool], _Maps] = {}
         self._count = 0
 
-    def exchange(self, readings: Readings, lost: set[tuple[str, str]]) -> None:  # noqa: ARG002 (none is lost here)
-        """All corrections."""
+    def exchange(self, readings: Readings) -> None:
+        """All corrections, from what has been heard by now."""
+        form = self._form
         stacked = np.concatenate([np.zeros(0), *(readings[label] for label in sorted(readings))])
-        self._correction = self._injection @ stacked + self._pull @ self._value
+        self._past.append(self._rounded(self._value))
+        self._alone = self._silent or len(self._past) <= self._lag
+        innovation = form.reading @ stacked + form.own @ self._value
+        if self._alone:
+            innovation = np.where(form.hears > 0.0, 0.0, innovation)
+        else:
+            innovation = innovation + form.other @ self._moved(self._past[0])
+        self._correction = form.gain @ innovation
 
     def after(self, duration: float) -> FloatArray:
         """All values later."""
@@ -125,10 +239,25 @@ class AtOnce:
         rho = self._observer.nodes[0].acceleration
         return value if rho is None else self._accelerated(value, chebyshev_factor(self._count, rho))
 
-    def settle(self, duration: float) -> None:
-        """Go on."""
-        self._value = self.after(duration)
+    def settle(self, duration: float, known: FloatArray | float) -> None:
+        """Go on; what a given motion adds is ``known``."""
+        self._value = self.after(duration) + known
         self._count += 1
+
+    def _rounded(self, value: FloatArray) -> FloatArray:
+        span, quantum = self._channel.span, self._channel.quantum
+        value = value if span is None else np.clip(value, -span, span)
+        return quantum * np.round(value / quantum) if quantum else value
+
+    def _moved(self, past: FloatArray) -> FloatArray:
+        """The neighbours' old values as the policy takes them."""
+        if self._channel.old != "propagate" or self._lag == 0 or self._observer.is_discrete:
+            return past
+        if not hasattr(self, "_ageing"):
+            maps = [transition_and_integral(node.A, self._age) for node in self._observer.nodes]
+            drive = np.asarray(diagonal_of(each[1] for each in maps) @ self._drive)
+            self._ageing = (diagonal_of(each[0] for each in maps), drive)
+        return np.asarray(self._ageing[0] @ past + self._ageing[1])
 
     def _accelerated(self, value: FloatArray, omega: float) -> FloatArray:
         cuts = self._observer.states.starts[1:-1]
@@ -136,48 +265,11 @@ class AtOnce:
         return np.concatenate([accelerated(after, before, omega) for after, before in pairs])
 
     def _known(self, duration: float) -> _Maps:
-        if duration not in self._maps:
-            maps = [node.maps(duration) for node in self._observer.nodes]
+        key = (duration, self._alone)
+        if key not in self._maps:
+            if len(self._maps) > 64:
+                self._maps.clear()
+            maps = [node.maps(duration, alone=self._alone) for node in self._observer.nodes]
             transition, drive, phi = (diagonal_of(each[k] for each in maps) for k in range(3))
-            self._maps[duration] = (transition, np.asarray(drive @ self._drive), phi)
-        return self._maps[duration]
-
-
-class OneByOne:
-    """Every program by itself: the oracle, and the only one that loses messages."""
-
-    def __init__(self, observer: AssembledObserver, world: World, start: Start) -> None:
-        pairs = zip(observer.nodes, start.values, strict=True)
-        self._nodes, self._inputs = observer.nodes, world.inputs
-        self._states = {node.name: node.init(value) for node, value in pairs}
-        self._messages: dict[str, Message] = {}
-        self._readings: Readings = {}
-        self._lost: set[tuple[str, str]] = set()
-
-    def exchange(self, readings: Readings, lost: set[tuple[str, str]]) -> None:
-        """Everybody speaks; what is lost is lost."""
-        self._messages = {node.name: node.emit(self._states[node.name]) for node in self._nodes}
-        self._readings, self._lost = readings, lost
-
-    def _later(self, duration: float) -> dict[str, LocalState]:
-        if duration == 0.0:
-            return self._states
-        return {
-            node.name: node.step(
-                self._states[node.name],
-                inbox_of(node, self._messages, self._lost),
-                {label: self._readings[label] for label in node.reads},
-                duration,
-                told,
-            )
-            for node, told in zip(self._nodes, self._inputs, strict=True)
-        }
-
-    def after(self, duration: float) -> FloatArray:
-        """All values later."""
-        states = self._later(duration)
-        return np.concatenate([states[node.name].estimate for node in self._nodes])
-
-    def settle(self, duration: float) -> None:
-        """Go on."""
-        self._states = self._later(duration)
+            self._maps[key] = (transition, np.asarray(drive @ self._drive), phi)
+        return self._maps[key]

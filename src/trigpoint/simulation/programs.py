@@ -9,7 +9,8 @@ from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError
 from trigpoint.observers.assembled import AssembledObserver
 from trigpoint.observers.local import LocalState
-from trigpoint.simulation.exchanges import Sampling, Start, estimates_of, inbox_of, sampled
+from trigpoint.simulation.events import EventRun
+from trigpoint.simulation.exchanges import Recorded, Sampling, Start, Traffic, estimates_of, sampled
 from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.stacked import Progress, Series, error_series
 from trigpoint.simulation.world import World, padded, start_of, truth_of
@@ -17,7 +18,7 @@ from trigpoint.simulation.world import World, padded, start_of, truth_of
 _TOLERANCE = 1e-12
 
 
-def run(observer: AssembledObserver, scenario: Scenario, path: str, progress: Progress) -> Series:
+def run(observer: AssembledObserver, scenario: Scenario, path: str, progress: Progress) -> Recorded:
     """Truth and estimates at the scenario's times, for problems of any kind (nodes filled up to equal length)."""
     world = World.of(observer, scenario)
     period = scenario.period if scenario.period is not None else observer.period
@@ -28,8 +29,11 @@ def run(observer: AssembledObserver, scenario: Scenario, path: str, progress: Pr
     start = _start(observer, world, scenario)
     if period is None:
         continuous = _continuous if path == "stacked" else _continuous_reference
-        return continuous(observer, world, scenario, start)
-    return sampled(observer, world, scenario, Sampling(period, path == "stacked", progress), start)
+        truth, estimate, messages = continuous(observer, world, scenario, start)
+        return Recorded(truth, estimate, Traffic(messages))
+    if path == "stacked":
+        return sampled(observer, world, scenario, Sampling(period, progress), start)
+    return EventRun(observer, world, scenario, period, start).record(progress)
 
 
 def _start(observer: AssembledObserver, world: World, scenario: Scenario) -> Start:
@@ -67,7 +71,7 @@ def _continuous_reference(observer: AssembledObserver, world: World, scenario: S
         messages = {node.name: node.emit(states[node.name]) for node, _ in pairs}
         return np.concatenate(
             [
-                node.derivative(states[node.name], inbox_of(node, messages, set()), readings, told)
+                node.derivative(states[node.name], {name: messages[name] for name in node.hears}, readings, told)
                 for (node, _), told in zip(pairs, world.inputs, strict=True)
             ]
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,6 +11,10 @@ from numpy.typing import ArrayLike
 
 from trigpoint.arrays import FloatArray, as_floats
 from trigpoint.errors import ArgumentError
+from trigpoint.simulation.channel import Channel, Trigger
+from trigpoint.simulation.clocks import Clocks
+from trigpoint.simulation.motion import Bouncing, Trajectory
+from trigpoint.simulation.topology import Absence, Topology
 
 Path = Literal["auto", "stacked", "modal", "reference"]
 _PATHS = ("auto", "stacked", "modal", "reference")
@@ -17,10 +22,11 @@ _PATHS = ("auto", "stacked", "modal", "reference")
 
 @dataclass(frozen=True)
 class Noise:
-    """Random disturbances of a sampled run.
+    """Random disturbances.
 
     Args:
-        measurement: standard deviation of the error of every reading, drawn anew at each exchange.
+        measurement: sampled exchange: standard deviation of the error of every reading, drawn anew at each exchange;
+            continuous exchange: square root of the intensity of white noise on every reading.
         process: factor on the agents' process noise ``E v`` (v white, unit intensity), discretized exactly; 0 for none.
     """
 
@@ -34,20 +40,14 @@ class Noise:
                 raise ArgumentError(f"noise {name} must be a number of at least 0; got {value}")
 
 
-@dataclass(frozen=True)
-class Channel:
-    """What the links do to messages.
-
-    Args:
-        loss: probability that one message to one neighbour is lost, 0 <= loss < 1; drawn for each message.
-    """
-
-    loss: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check the probability."""
-        if not 0.0 <= self.loss < 1.0:
-            raise ArgumentError(f"loss must be a probability, 0 <= loss < 1; got {self.loss}")
+_KINDS: dict[str, tuple[type, ...]] = {
+    "noise": (Noise,),
+    "channel": (Channel,),
+    "clocks": (Clocks,),
+    "topology": (Topology,),
+    "trigger": (Trigger,),
+    "motion": (Trajectory, Bouncing),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +59,14 @@ class Scenario:
         initial_error: estimate minus truth at time 0: a scalar for all, (N n,) or (N, n).
         initial_state: truth at time 0: a scalar, (N n,) or (N, n).
         period: seconds between two exchanges of messages; None for continuous exchange.
-        noise: random disturbances (sampled runs); None for none.
-        channel: message loss (sampled runs); None for none.
+        noise: random disturbances; None for none.
+        channel: loss, delay, rounding of messages (sampled runs); None for none.
+        clocks: when each node acts and what its clock shows (sampled runs); None for one clock.
+        topology: which arcs work when; None for all, always.
+        absences: nodes that are away for a while.
+        trigger: nodes send only when there is something to say (sampled runs); None: at every exchange.
+        gossip: at each exchange one random arc is met exactly by its two ends, and nothing else happens (constants).
+        motion: the truth, known to the agents as their own input; None: it follows their dynamics.
         inputs: (N, m) known inputs, constant in time; None for none.
         measurements: (M, p) recorded readings, constant in time, instead of simulated ones (static states only).
         seed: of everything random; equal seeds give equal runs.
@@ -78,6 +84,12 @@ class Scenario:
     period: float | None
     noise: Noise | None
     channel: Channel | None
+    clocks: Clocks | None
+    topology: Topology | None
+    absences: tuple[Absence, ...]
+    trigger: Trigger | None
+    gossip: bool
+    motion: Trajectory | Bouncing | None
     inputs: FloatArray | None
     measurements: FloatArray | None
     seed: int
@@ -92,6 +104,12 @@ class Scenario:
         period: float | None = None,
         noise: Noise | None = None,
         channel: Channel | None = None,
+        clocks: Clocks | None = None,
+        topology: Topology | None = None,
+        absences: Sequence[Absence] = (),
+        trigger: Trigger | None = None,
+        gossip: bool = False,
+        motion: Trajectory | Bouncing | None = None,
         inputs: ArrayLike | None = None,
         measurements: ArrayLike | None = None,
         seed: int = 0,
@@ -104,27 +122,50 @@ class Scenario:
             raise ArgumentError(f"period must be a positive number of seconds; got {period}")
         if path not in _PATHS:
             raise ArgumentError(f"path must be one of {', '.join(_PATHS)}; got {path!r}")
-        if not (noise is None or isinstance(noise, Noise)) or not (channel is None or isinstance(channel, Channel)):
-            raise ArgumentError(
-                "noise must be a Noise(measurement=..., process=...) and channel a Channel(loss=...); "
-                f"got {noise!r} and {channel!r}"
-            )
+        given = {
+            "noise": noise, "channel": channel, "clocks": clocks, "topology": topology, "trigger": trigger,
+            "motion": motion,
+        }  # fmt: skip
+        for name, value in given.items():
+            if value is not None and not isinstance(value, _KINDS[name]):
+                wanted = " or ".join(f"{kind.__name__}(...)" for kind in _KINDS[name])
+                raise ArgumentError(f"{name} must be {wanted}; got {value!r}")
+        if not all(isinstance(one, Absence) for one in absences):
+            raise ArgumentError(f"absences must hold Absence(node, start, stop); got {absences!r}")
         if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
             raise ArgumentError(f"seed must be a whole number of at least 0; got {seed!r}")
-        if period is None and (noise is not None or channel is not None):
-            raise ArgumentError("noise and loss belong to sampled exchange: give a period")
+        alone = [name for name in ("channel", "clocks", "trigger") if given[name] is not None] + ["gossip"] * gossip
+        if period is None and alone:
+            raise ArgumentError(f"{' and '.join(alone)} belong to sampled exchange: give a period")
+        if trigger is not None and (channel is None or channel.old == "drop"):
+            raise ArgumentError("with a trigger silence means no news: give channel=Channel(old='propagate') or 'use'")
+        if motion is not None and noise is not None and noise.process > 0.0:
+            raise ArgumentError("a given motion has no process noise: give one of the two")
         object.__setattr__(self, "times", instants)
         object.__setattr__(self, "initial_error", as_floats("initial_error", initial_error))
         object.__setattr__(self, "initial_state", as_floats("initial_state", initial_state))
         object.__setattr__(self, "period", None if period is None else float(period))
-        object.__setattr__(self, "noise", noise)
-        object.__setattr__(self, "channel", channel)
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "absences", tuple(absences))
+        object.__setattr__(self, "gossip", bool(gossip))
         object.__setattr__(self, "inputs", None if inputs is None else as_floats("inputs", inputs))
         object.__setattr__(
             self, "measurements", None if measurements is None else as_floats("measurements", measurements)
         )
         object.__setattr__(self, "seed", int(seed))
         object.__setattr__(self, "path", path)
+
+    @property
+    def lossy(self) -> bool:
+        """True where some message may not arrive."""
+        return self.channel is not None and not self.channel.is_certain
+
+    @property
+    def needs_events(self) -> bool:
+        """True where nodes act or hear one another at different times, or only some of them do."""
+        varied = self.clocks is not None or self.trigger is not None or bool(self.absences)
+        return varied or self.lossy or (self.topology is not None and self.period is not None)
 
     def __repr__(self) -> str:
         exchange = "continuous exchange" if self.period is None else f"exchange every {self.period:g} s"

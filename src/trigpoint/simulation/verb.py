@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
+from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError
 from trigpoint.model import NetworkedAgents
 from trigpoint.observers.assembled import AssembledObserver, Problem, channels_of
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 from trigpoint.observers.run import Run
-from trigpoint.simulation import modal, programs, stacked
+from trigpoint.simulation import gossip, modal, programs, stacked, switched
 from trigpoint.simulation.clockwork import Tick
+from trigpoint.simulation.exchanges import Recorded, Traffic
 from trigpoint.simulation.plant import Plant, node_table
+from trigpoint.simulation.result import recorded
+from trigpoint.simulation.rule import changes, chosen_path
 from trigpoint.simulation.scenario import Scenario
-from trigpoint.simulation.stacked import Progress
+from trigpoint.simulation.stacked import Progress, Series
 
 
 def _silent(ticks: Iterable[Tick]) -> Iterable[Tick]:
@@ -26,24 +29,24 @@ def _silent(ticks: Iterable[Tick]) -> Iterable[Tick]:
 def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *, progress: Progress = _silent) -> Run:
     """Run ``observer`` on ``problem`` and record truth and estimates at the scenario's times.
 
-    Paths: ``stacked`` works on all nodes at once; ``modal`` on equal agents mode by mode, with an error estimate in the
-    run's attributes; ``reference`` steps each local observer by itself with messages in between and is the oracle.
-    ``auto`` takes ``reference`` where messages are lost, ``modal`` above 1500 states where it can, else ``stacked``;
-    ``run.path`` names what ran.
+    Paths (``simulation.rule.chosen_path`` is the rule, ``run.path`` names what ran): ``stacked`` works on all nodes at
+    once; ``modal`` on equal agents mode by mode, exactly between changes, with an error estimate in the run's
+    attributes; ``reference`` steps each local observer by itself with messages in between and is the oracle.
 
     Args:
         problem: the network the truth follows.
         observer: what the nodes run.
-        scenario: times, start, exchange, noise.
+        scenario: times, start, exchange, noise, channel, topology, motion.
         progress: wraps the sequence of exchanges, for a progress bar.
 
     We assume:
         * the observer was designed for these arcs, outputs and agents (its weights are its own).
 
-    Nodes that estimate states of different length are filled up with zeros in the run's tables.
+    Nodes that estimate states of different length are filled up with zeros in the run's tables. Ctrl-C in a sampled run
+    returns what was computed by then (``run.attributes["interrupted"]``).
 
     Raises:
-        ArgumentError, ShapeError: the scenario does not fit the problem; noise between exchanges is asked for.
+        ArgumentError, ShapeError: the scenario does not fit the problem.
     """
     if not isinstance(problem, Problem) or not isinstance(scenario, Scenario):
         raise ArgumentError(
@@ -51,7 +54,9 @@ def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *,
             f"Scenario(times, ...); got {type(problem).__name__}, {type(observer).__name__}, {type(scenario).__name__}"
         )
     if isinstance(observer, AssembledObserver):
-        return _run_programs(problem, observer, scenario, progress)
+        check_problem(problem, observer)
+        path = chosen_path(scenario, observer)
+        return recorded(problem, observer, scenario, path, programs.run(observer, scenario, path, progress))
     if not isinstance(problem, NetworkedAgents):
         raise ArgumentError(f"this observer belongs to a network of agents; got the problem {type(problem).__name__}")
     if not isinstance(observer, DiffusiveObserver):
@@ -60,68 +65,51 @@ def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *,
         raise ArgumentError(f"the observer belongs to another network: {observer.graph} against {problem.graph}")
     _check_model(problem, observer.problem)
     _check_noise(scenario)
+    path, gap = chosen_path(scenario, observer), None
+    if path == "reference" or _by_programs(scenario):
+        done = programs.run(observer.as_programs(), scenario, path, progress)
+        return recorded(problem, observer, scenario, path, done)
     plant = Plant.of(problem, scenario)
     truth = node_table("initial_state", scenario.initial_state, problem.states)
+    if scenario.motion is not None:
+        truth = node_table("the motion's states", scenario.motion.at(0.0), problem.states)
     estimate = truth + node_table("initial_error", scenario.initial_error, problem.states)
-    path, gap = _chosen_path(scenario, observer), None
-    if path == "reference":
-        truths, estimates, messages = programs.run(observer.as_programs(), scenario, path, progress)
-    elif path == "modal":
-        (truths, estimates, messages), gap = modal.continuous(observer, plant, scenario, truth, estimate)
-    elif scenario.period is None:
-        truths, estimates, messages = stacked.continuous(observer, plant, scenario, truth, estimate)
-    else:
-        truths, estimates, messages = stacked.sampled(observer, plant, scenario, truth, estimate, progress)
-    anchored = problem.graph.component_is_anchored[problem.graph.component_labels]
-    status = np.broadcast_to(np.where(anchored, "anchored", "relative"), messages.shape)
-    return Run(
-        scenario.times,
-        truths,
-        estimates,
-        messages,
-        status,
-        problem.graph.names,
-        path,
-        _attributes(observer, scenario, gap),
-    )
+    series, gap = _run_at_once(observer, plant, scenario, (truth, estimate), path, progress)
+    return recorded(problem, observer, scenario, path, Recorded(series[0], series[1], Traffic(series[2])), gap)
 
 
-def _run_programs(problem: Problem, observer: AssembledObserver, scenario: Scenario, progress: Progress) -> Run:
-    _check_problem(problem, observer)
-    path = _chosen_path(scenario, observer)
-    truths, estimates, messages = programs.run(observer, scenario, path, progress)
-    status = np.broadcast_to("anchored", messages.shape)
-    if isinstance(problem, NetworkedAgents):
-        anchored = problem.graph.component_is_anchored[problem.graph.component_labels]
-        status = np.broadcast_to(np.where(anchored, "anchored", "relative"), messages.shape)
-    attributes = {"period": scenario.period or observer.period, **_facts(observer, scenario)}
-    return Run(scenario.times, truths, estimates, messages, status, observer.names, path, attributes)
+def _by_programs(scenario: Scenario) -> bool:
+    """Sampled runs whose messages are late, rounded, or whose truth is given."""
+    return scenario.period is not None and (scenario.channel is not None or scenario.motion is not None)
 
 
-def _check_problem(problem: Problem, observer: AssembledObserver) -> None:
+def _run_at_once(
+    observer: DiffusiveObserver,
+    plant: Plant,
+    scenario: Scenario,
+    start: tuple[FloatArray, FloatArray],
+    path: str,
+    progress: Progress,
+) -> tuple[Series, float | None]:
+    if path == "gossip":
+        return gossip.run(observer, plant, scenario, *start, progress), None
+    if scenario.period is not None:
+        return stacked.sampled(observer, plant, scenario, *start, progress), None
+    if path != "modal":
+        return stacked.continuous(observer, plant, scenario, *start), None
+    if changes(scenario):
+        return switched.continuous(observer, plant, scenario, *start), None
+    return modal.continuous(observer, plant, scenario, *start)
+
+
+def check_problem(problem: Problem, observer: AssembledObserver) -> None:
+    """Refuse an ``observer`` that belongs to another ``problem``."""
     if observer.problem is problem:
         return
     one, other = channels_of(problem), observer.channels
     same = one.names == other.names and one.readings == other.readings and one.A.shape == other.A.shape
     if not (same and (one.A != other.A).nnz == 0 and (one.C != other.C).nnz == 0):
         raise ArgumentError("the observer belongs to another problem: its names, dynamics or outputs differ")
-
-
-def _chosen_path(scenario: Scenario, observer: NetworkObserver) -> str:
-    """The rule: messages that get lost need ``reference``, many equal agents take ``modal``, all else ``stacked``."""
-    lossy = scenario.channel is not None and scenario.channel.loss > 0.0
-    if scenario.path == "stacked" and lossy:
-        raise ArgumentError("the stacked path knows no message loss; use path='reference' or 'auto'")
-    splits = isinstance(observer, DiffusiveObserver) and observer.graph.dimension == 1 and scenario.period is None
-    if scenario.path == "modal" and not splits:
-        raise ArgumentError(
-            "the modal path is for equal agents with one gain, scalar weights and continuous exchange; use path='auto'"
-        )
-    if scenario.path != "auto":
-        return scenario.path
-    if lossy:
-        return "reference"
-    return "modal" if splits and observer.error_matrix().shape[0] > stacked.DENSE_LIMIT else "stacked"
 
 
 def _check_model(problem: NetworkedAgents, designed: NetworkedAgents) -> None:
@@ -143,21 +131,3 @@ def _check_noise(scenario: Scenario) -> None:
     ratio = scenario.times / scenario.period
     if np.abs(ratio - np.round(ratio)).max() > 1e-9:
         raise ArgumentError("with process noise the output times must be multiples of the period")
-
-
-def _attributes(observer: DiffusiveObserver, scenario: Scenario, gap: float | None) -> dict[str, Any]:
-    known = {"gain": observer.gain, "period": scenario.period, **_facts(observer, scenario)}
-    return known if gap is None else {**known, "error_estimate": gap}
-
-
-def _facts(observer: NetworkObserver, scenario: Scenario) -> dict[str, Any]:
-    noise, channel = scenario.noise, scenario.channel
-    return {
-        "method": observer.method,
-        # The guarantee speaks of continuous exchange: a sampled or noisy run carries none.
-        "guaranteed_rate": observer.decay_rate if scenario.period is None else None,
-        "seed": scenario.seed,
-        "noise_measurement": 0.0 if noise is None else noise.measurement,
-        "noise_process": 0.0 if noise is None else noise.process,
-        "loss": 0.0 if channel is None else channel.loss,
-    }

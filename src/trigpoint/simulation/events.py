@@ -1,0 +1,282 @@
+"""The event-driven reference path: each program by itself, acting by its own clock, with messages on their way.
+
+The oracle of the faster paths, and the only one for losses, jitter, clocks that differ, absences and triggers.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from trigpoint.arrays import BoolArray, FloatArray, frozen, transition_and_integral
+from trigpoint.observers.assembled import AssembledObserver
+from trigpoint.observers.local import LocalObserver, LocalState, Message
+from trigpoint.simulation.channel import Channel, Trigger
+from trigpoint.simulation.clocks import Clock, Clocks
+from trigpoint.simulation.clockwork import Tick
+from trigpoint.simulation.exchanges import Recorded, Start, Traffic, estimates_of
+from trigpoint.simulation.scenario import Scenario
+from trigpoint.simulation.stacked import Progress
+from trigpoint.simulation.topology import is_away
+from trigpoint.simulation.wire import Wire
+from trigpoint.simulation.world import World, padded
+
+_SNAP = 1e-9
+
+
+@dataclass(eq=False)
+class _Node:
+    """A program and what it remembers between two of its acts."""
+
+    index: int
+    program: LocalObserver
+    clock: Clock
+    acts: Iterator[float]
+    told: FloatArray | None
+    state: LocalState
+    inbox: dict[str, Message]
+    readings: dict[int, FloatArray]
+    heard: dict[str, Message]
+    last_act: float = 0.0
+    last_sent: Message | None = None
+    away: bool = False
+    place: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def at(self, time: float) -> LocalState:
+        """Its state at the true ``time``, from what it knew at its last act."""
+        elapsed = (1.0 + self.clock.drift) * (time - self.last_act)
+        if elapsed <= _SNAP * self.clock.period or self.away:
+            return self.state
+        return self.program.step(self.state, self.inbox, self.readings, elapsed, self.told)
+
+
+class EventRun:
+    """One run; ``record`` goes through the output times.
+
+    Args:
+        observer, world, scenario, period, start: what runs, in which world, from where.
+    """
+
+    def __init__(
+        self, observer: AssembledObserver, world: World, scenario: Scenario, period: float, start: Start
+    ) -> None:
+        self._observer, self._world, self._scenario = observer, world, scenario
+        self._period = period
+        self._rng = np.random.default_rng(scenario.seed)
+        self._channel = scenario.channel or Channel()
+        self._truth, self._now = start.truth, 0.0
+        clocks = (scenario.clocks or Clocks()).of(len(observer.nodes), period)
+        self._nodes = [
+            _Node(
+                k, node, clocks[k], clocks[k].acts(self._rng), world.inputs[k], node.init(value), {}, {}, {}
+            )
+            for k, (node, value) in enumerate(zip(observer.nodes, start.values, strict=True))
+        ]  # fmt: skip
+        self._position = {node.name: k for k, node in enumerate(observer.nodes)}
+        links = [(self._position[name], k) for k, node in enumerate(observer.nodes) for name in node.hears]
+        self._wire = Wire(links, self._channel, self._rng)
+        self._agenda = [(next(node.acts), node.index) for node in self._nodes]
+        heapq.heapify(self._agenda)
+        self._noise = (0.0, 0.0) if scenario.noise is None else (scenario.noise.measurement, scenario.noise.process)
+        self._factors: dict[float, list[FloatArray]] = {}
+        self._opened: tuple[bytes, set[tuple[int, int]]] | None = None
+        if scenario.motion is not None:
+            for node in self._nodes:
+                node.place = observer.channels.targets[node.index] @ self._truth
+
+    def record(self, progress: Progress) -> Recorded:
+        """Run to the last output time; Ctrl-C keeps what was computed."""
+        truths: list[FloatArray] = []
+        estimates: list[FloatArray] = []
+        traffic: list[list[list[int]]] = []
+        try:
+            for tick in progress(self._instants()):
+                for index, _ in tick.outputs:
+                    truths.append(padded(self._world.shown(self._truth)))
+                    estimates.append(self._estimates(float(self._scenario.times[index])))
+                    traffic.append(self._counts())
+        except KeyboardInterrupt:
+            if not truths:
+                raise
+        kept = len(estimates)
+        counts = np.array(traffic[:kept], dtype=np.int64)
+        table = Traffic(counts[:, 0], counts[:, 1], counts[:, 2])
+        return Recorded(np.stack(truths[:kept]), np.stack(estimates), table)
+
+    def _instants(self) -> Iterator[Tick]:
+        """Every act and every output in order; outputs see the state before the act of the same instant speaks."""
+        times, position, number = self._scenario.times.tolist(), 0, 0
+        while position < len(times):
+            due = self._agenda[0][0]
+            slack = _SNAP * self._period
+            if times[position] < due - slack:
+                self._move(times[position])
+                yield Tick(number, ((position, 0.0),))
+                position += 1
+                continue
+            acting = []
+            while self._agenda and self._agenda[0][0] <= due + slack * 1e-3:
+                acting.append(self._nodes[heapq.heappop(self._agenda)[1]])
+            acting.sort(key=lambda node: node.index)
+            self._move(due)
+            for node in acting:
+                self._settle(node, due)
+            outputs = []
+            while position < len(times) and times[position] <= due + slack:
+                outputs.append((position, 0.0))
+                position += 1
+            yield Tick(number, tuple(outputs))
+            self._exchange(acting, due)
+            for node in acting:
+                heapq.heappush(self._agenda, (max(next(node.acts), due + 1e-3 * self._period), node.index))
+            number += 1
+
+    def _move(self, time: float) -> None:
+        """The truth moves on, with its noise, or as its motion is given."""
+        duration = time - self._now
+        if duration <= 0.0:
+            return
+        drawn = None
+        if self._scenario.motion is not None:
+            self._truth = self._scenario.motion.at(time).ravel()
+        else:
+            if self._noise[1]:
+                factors = self._factors_of(duration)
+                drawn = np.concatenate([factor @ self._rng.standard_normal(factor.shape[1]) for factor in factors])
+            self._truth = self._world.advance(self._truth, duration, drawn)
+        self._now = time
+
+    def _state(self, node: _Node, time: float) -> LocalState:
+        """The node's state now; what a given motion adds to its free motion is known to it."""
+        state = node.at(time)
+        if self._scenario.motion is None or node.away or time <= node.last_act:
+            return state
+        now = self._observer.channels.targets[node.index] @ self._truth
+        free = _moved(node.program, node.told, node.place, time - node.last_act)
+        return LocalState(state.time, state.sequence, frozen(state.estimate + now - free))
+
+    def _factors_of(self, duration: float) -> list[FloatArray]:
+        key = round(duration, 12)
+        if key not in self._factors:
+            if len(self._factors) > 64:
+                self._factors.clear()
+            self._factors[key] = self._world.noise_factors(self._noise[1], duration)
+        return self._factors[key]
+
+    def _settle(self, node: _Node, time: float) -> None:
+        """The node's state is now what its last exchange led to; a node that comes back starts empty."""
+        away = is_away(self._scenario.absences, node.index, time)
+        if node.away and not away:
+            node.state = LocalState(time, node.state.sequence + 1, frozen(np.zeros(node.program.n_states)))
+            node.heard, node.last_sent = {}, None
+        elif not away:
+            node.state = self._state(node, time)
+        node.away, node.last_act = away, time
+        if self._scenario.motion is not None:
+            node.place = self._observer.channels.targets[node.index] @ self._truth
+
+    def _exchange(self, acting: list[_Node], time: float) -> None:
+        """Those who act speak; then what has arrived is heard, and everybody reads its own instruments."""
+        messages = {
+            node.index: said for node in acting if not node.away and (said := self._said(node, time)) is not None
+        }
+        active = None if self._scenario.topology is None else self._scenario.topology.at(time)
+        place = padded(self._world.shown(self._truth))
+        self._wire.send(time, messages, self._open(active), place)
+        for receiver, message in self._wire.arrivals(time):
+            heard = self._nodes[receiver].heard
+            known = heard.get(message.sender)
+            if known is None or message.sequence > known.sequence:
+                heard[message.sender] = message
+        deviation = self._noise[0]
+        noise = deviation * self._rng.standard_normal(self._world.channels.C.shape[0]) if deviation else None
+        readings = self._world.read(self._truth, noise)
+        for node in acting:
+            if node.away:
+                continue
+            labels = [label for label in node.program.reads if active is None or active[label]]
+            node.readings = {label: readings[label] for label in labels}
+            node.inbox = self._inbox(node, time)
+
+    def _said(self, node: _Node, time: float) -> Message | None:
+        message = node.program.emit(node.state)
+        message = Message(message.sender, message.sequence, node.clock.shows(time), message.estimate)
+        trigger = self._scenario.trigger
+        if trigger is not None and node.last_sent is not None and not self._worth(trigger, node, message, time):
+            return None
+        node.last_sent = message
+        return message
+
+    def _worth(self, trigger: Trigger, node: _Node, message: Message, time: float) -> bool:
+        picture = node.last_sent
+        assert picture is not None  # asked before
+        value = picture.estimate
+        if self._channel.old == "propagate":
+            value = _moved(node.program, node.told, value, message.time - picture.time)
+        gap = float(np.linalg.norm(message.estimate - value))
+        return gap > trigger.size * float(np.exp(-trigger.rate * time))
+
+    def _open(self, active: BoolArray | None) -> set[tuple[int, int]]:
+        """Links that carry messages now: neither end away, some arc between them working."""
+        key = b"" if active is None else active.tobytes()
+        if self._opened is None or self._opened[0] != key:
+            names: dict[str, int] = self._position
+            found: set[tuple[int, int]] = set()
+            for k, node in enumerate(self._observer.nodes):
+                for arc in node.arcs:
+                    if active is None or arc.label is None or active[arc.label]:
+                        found.update((names[name], k) for name, _ in arc.heard)
+            self._opened = (key, found)
+        away = {node.index for node in self._nodes if node.away}
+        return {link for link in self._opened[1] if not away.intersection(link)} if away else self._opened[1]
+
+    def _inbox(self, node: _Node, time: float) -> dict[str, Message]:
+        """What the node makes of the last messages it heard: the policy for old ones."""
+        channel, found, now = self._channel, {}, node.clock.shows(time)
+        for name in node.program.hears:
+            message = node.heard.get(name)
+            if message is None:
+                continue
+            age = now - message.time
+            if channel.old == "drop":
+                successor = (1.0 - 1e-6) * self._nodes[self._position[name]].clock.period
+                if age > successor + channel.delay + channel.jitter:
+                    continue
+            elif channel.stale is not None and age > channel.stale * (1.0 + _SNAP):
+                continue
+            if channel.old == "propagate" and age > 0.0:
+                sender = self._nodes[self._position[name]]
+                value = _moved(sender.program, sender.told, message.estimate, age)
+                message = Message(message.sender, message.sequence, now, frozen(value))
+            found[name] = message
+        return found
+
+    def _estimates(self, time: float) -> FloatArray:
+        """What every node believes now; NaN for one that is away."""
+        discrete = self._observer.is_discrete
+        values = [node.state if discrete else self._state(node, time) for node in self._nodes]
+        readings = self._world.read(self._truth)
+        table = estimates_of(self._observer, np.concatenate([state.estimate for state in values]), readings)
+        for node in self._nodes:
+            if node.away:
+                table[node.index] = np.nan
+        return table
+
+    def _counts(self) -> list[list[int]]:
+        count = range(len(self._nodes))
+        return [[table.get(k, 0) for k in count] for table in (self._wire.sent, self._wire.delivered, self._wire.bytes)]
+
+
+def _moved(program: LocalObserver, told: FloatArray | None, value: FloatArray, age: float) -> FloatArray:
+    """``e^{A age} z + int e^{A s} ds B u``: the sender's model over the age of its message."""
+    if program.exchange == "discrete" or age <= 0.0:
+        return value
+    drive = None if told is None or program.B is None else program.B @ told
+    if drive is None and not program.A.any():
+        return value
+    transition, integral = transition_and_integral(program.A, age)
+    moved = transition @ value
+    return np.asarray(moved if drive is None else moved + integral @ drive)
