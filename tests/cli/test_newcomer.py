@@ -25,8 +25,8 @@ def problem():
     [
         (lambda: tp.methods.LocalKalman(gain=5.0), r"got 5.0; write Fixed\(5.0\)"),
         (lambda: tp.methods.LocalKalman(gain=tp.FromGraph), r"write FromGraph\(\), with parentheses"),
-        (lambda: tp.Scenario([1.0], period=0.1, noise=0.01), r"noise must be a Noise.*got 0.01"),
-        (lambda: tp.Scenario([1.0], period=0.1, channel=0.1), r"channel a Channel.*and 0.1"),
+        (lambda: tp.Scenario([1.0], period=0.1, noise=0.01), r"noise must be Noise.*got 0.01"),
+        (lambda: tp.Scenario([1.0], period=0.1, channel=0.1), r"channel must be Channel.*got 0.1"),
         (lambda: tp.Scenario([1.0], seed=-1), "seed must be a whole number of at least 0; got -1"),
         (lambda: tp.NetworkedAgents(tp.LinearAgent.static(), tp.graphs.chain(2)), "graph must be a MeasurementGraph"),
         (lambda: tp.gain_bound(problem()), "graph must be a MeasurementGraph, such as problem.graph"),

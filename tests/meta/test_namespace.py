@@ -16,11 +16,17 @@ from house import PACKAGES, python
 AT_MOST = 60
 LOADED = "import {name}, sys, json; print(json.dumps(sorted({{m.split('.')[0] for m in sys.modules}})))"
 
-NODE_MODULES = ("trigpoint.observers.local", "trigpoint.observers.run", "trigpoint.runtime")
+NODE_MODULES = (
+    "trigpoint.observers.local",
+    "trigpoint.observers.acceleration",
+    "trigpoint.observers.run",
+    "trigpoint.runtime",
+)
 """What a deployed node may load of the house, besides arrays and errors."""
 
 NODE_PACKAGES = {
     "trigpoint.observers.local": {"numpy"},
+    "trigpoint.observers.acceleration": {"numpy"},
     "trigpoint.observers.run": {"numpy", "xarray"},  # xarray only inside Run.dataset
     "trigpoint.runtime": {"numpy", "zenoh", "mcap"},
 }
@@ -79,6 +85,7 @@ def test_a_deployed_node_imports_from_a_short_list(root: str) -> None:
     graph = grimp.build_graph("trigpoint", include_external_packages=True, cache_dir=None)
     modules = {root} | graph.find_descendants(root)
     inside = {"trigpoint", "trigpoint.observers", "trigpoint.arrays", "trigpoint.errors"}
+    inside |= {"trigpoint.observers.acceleration"}
     if root == "trigpoint.runtime":
         inside |= {"trigpoint.observers.local", "trigpoint.observers.run"} | modules
     stray = [

@@ -14,7 +14,7 @@ from trigpoint.linalg.balls import Ball
 from trigpoint.linalg.interval_stability import contraction_on_interval
 from trigpoint.methods import Accelerated, DiscreteKalman, Fixed, LocalKalman, Sampled
 from trigpoint.methods.accelerated import convergence_factor, heavy_ball, predicted_exchanges
-from trigpoint.observers.local import chebyshev_factor
+from trigpoint.observers.acceleration import chebyshev_factor
 from trigpoint.simulation import Scenario, simulate
 from trigpoint.testing import check_design
 from trigpoint.testing.strategies import measurement_graphs

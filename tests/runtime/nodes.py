@@ -9,7 +9,6 @@ import numpy as np
 import trigpoint as tp
 from trigpoint.observers.local import LocalObserver
 from trigpoint.observers.network import NetworkObserver
-from trigpoint.simulation.exchanges import inbox_of
 
 STATIC = tp.LinearAgent.static(1)
 DOUBLE = tp.LinearAgent([[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0]])
@@ -45,7 +44,7 @@ def in_one_process(
         states = {
             node.name: node.step(
                 states[node.name],
-                inbox_of(node, messages, set()),
+                {name: messages[name] for name in node.hears},
                 {label: values[label] for label in node.reads},
                 period,
             )

@@ -307,7 +307,7 @@ MOVING = NetworkedAgents(chain(3), AGENTS[1])
             MOVING,
             {"period": 0.5, "channel": Channel(0.1), "path": "stacked"},
             ArgumentError,
-            "the stacked path knows no message loss; use path='reference' or 'auto'",
+            "the stacked path knows no message loss",
         ),
     ],
 )

@@ -109,7 +109,7 @@ def test_an_old_value_used_as_new_leaves_a_floor_and_a_propagated_one_does_not()
 def test_a_wrong_clock_leaves_a_floor_of_offset_times_speed() -> None:
     """The age is wrong by the offset: the message is moved too far by some ``offset |A x|``."""
     offsets = np.zeros(9)
-    offsets[4] = 0.05
+    offsets[4] = 0.01
     times = np.linspace(0.0, 120.0, 241)
     channel = Channel(old="propagate")
     floors = [
@@ -122,7 +122,7 @@ def test_a_wrong_clock_leaves_a_floor_of_offset_times_speed() -> None:
     ]
     speed = 3.0 * np.sqrt(2.0)
     assert floors[0] < 1e-4
-    assert 0.1 * 0.05 * speed < floors[1] < 2.0 * 0.05 * speed * tp.gain_bound(GRID.graph)
+    assert 0.1 * 0.01 * speed < floors[1] < 2.0 * 0.01 * speed * tp.gain_bound(GRID.graph)
     assert floors[2] / floors[1] == pytest.approx(2.0, rel=0.1)
 
 
@@ -207,7 +207,7 @@ def test_a_node_that_leaves_comes_back_empty_and_converges(options) -> None:
     assert not np.isnan(result.estimate[~away]).any()
     back = int(np.argmax(times > 9.0 - 1e-6))
     np.testing.assert_allclose(result.estimate[back, 4], 0.0, atol=1e-12)
-    assert np.linalg.norm(result.error[-1]) < 0.02 * np.linalg.norm(result.error[0])
+    assert result.error_norm[-1] < 0.02 * result.error_norm[0]
     assert result.lambda_min[70] < result.lambda_min[0]
     sent = np.diff(result.messages[:, 4])
     assert sent[60:80].sum() == 0

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from trigpoint.arrays import FloatArray, as_matrix, decode_array, encode_array, frozen, transition_and_integral
 from trigpoint.errors import ArgumentError, ProtocolError
+from trigpoint.observers.acceleration import accelerated, chebyshev_factor
 
 KIND = "trigpoint/local-observer"
 VERSION = 2
@@ -111,12 +113,12 @@ class LocalObserver:
         """Number n of own states."""
         return int(self.A.shape[0])
 
-    @property
+    @cached_property
     def hears(self) -> tuple[str, ...]:
         """Names of the neighbours whose messages are used, each once, in the order of the arcs."""
         return tuple(dict.fromkeys(name for arc in self.arcs for name, _ in arc.heard))
 
-    @property
+    @cached_property
     def reads(self) -> tuple[int, ...]:
         """Labels of the readings that are used, each once, in the order of the arcs."""
         labels = [arc.label for arc in self.arcs if arc.label is not None]
@@ -178,10 +180,13 @@ class LocalObserver:
         """
         correction, heard = self._correction(state.estimate, inbox, readings)
         transition, drive, phi = self._maps(heard, float(duration))
-        value = transition @ state.estimate + drive @ self._drive(u) + phi @ correction
+        value = transition @ state.estimate + phi @ correction
+        if u is not None:
+            value = value + drive @ self._drive(u)
         if self.acceleration is not None:
             value = accelerated(value, state.estimate, chebyshev_factor(state.sequence, self.acceleration))
-        return LocalState(state.time + duration, state.sequence + 1, frozen(value))
+        value.setflags(write=False)
+        return LocalState(state.time + duration, state.sequence + 1, value)
 
     def _drive(self, u: FloatArray | None) -> FloatArray:
         if u is None:
@@ -195,6 +200,8 @@ class LocalObserver:
     def _correction(
         self, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
     ) -> tuple[FloatArray, tuple[int, ...]]:
+        if all(name in inbox for name in self.hears) and all(label in readings for label in self._labels):
+            return self._whole_correction(own, inbox, readings), self._everybody
         total = np.zeros(self.n_states)
         heard = []
         for position, arc in enumerate(self.arcs):
@@ -204,6 +211,38 @@ class LocalObserver:
             total += arc.gain @ innovation
             heard.append(position)
         return total, tuple(heard)
+
+    @cached_property
+    def _everybody(self) -> tuple[int, ...]:
+        return tuple(range(len(self.arcs)))
+
+    @cached_property
+    def _labels(self) -> tuple[int, ...]:
+        return tuple(dict.fromkeys(arc.label for arc in self.arcs if arc.label is not None))
+
+    def _whole_correction(
+        self, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
+    ) -> FloatArray:
+        """The sum over all arcs as one product: nothing is missing."""
+        parts = [own, *(inbox[name].estimate for name in self.hears), *(readings[label] for label in self._labels)]
+        sizes = tuple(part.shape[0] for part in parts)
+        if sizes not in self._memo:
+            self._memo[sizes] = self._stacked(sizes)
+        correction: FloatArray = self._memo[sizes] @ np.concatenate(parts)
+        return correction
+
+    def _stacked(self, sizes: tuple[int, ...]) -> FloatArray:
+        """(n, sum of sizes): the correction's dependence on the own value, the messages and the readings."""
+        starts = np.concatenate([[0], np.cumsum(sizes)])
+        places = {key: slice(starts[k + 1], starts[k + 2]) for k, key in enumerate((*self.hears, *self._labels))}
+        total = np.zeros((self.n_states, int(starts[-1])))
+        for arc in self.arcs:
+            total[:, : self.n_states] -= arc.gain @ arc.output
+            for name, rows in arc.heard:
+                total[:, places[name]] += arc.gain @ rows
+            if arc.label is not None:
+                total[:, places[arc.label]] += arc.sign * arc.gain
+        return total
 
     def _maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         # A memo, not a state: the maps depend on nothing but the arguments and the frozen fields.
@@ -285,25 +324,6 @@ class LocalObserver:
             raise ProtocolError(f"acceleration must be null or a number between 0 and 1; got {acceleration!r}")
         feedthrough = tuple(_labelled(document, n if readout is None else readout.shape[0]))
         return LocalObserver(name, A, B, tuple(_read_arcs(arcs, n)), readout, feedthrough, exchange, acceleration)
-
-
-def chebyshev_factor(sequence: int, rho: float) -> float:
-    """Factor omega of exchange number ``sequence`` (0, 1, ...) of the semi-iteration for the contraction ``rho``.
-
-    ``omega_0 = 1``, then ``(2 / rho) T_k(1 / rho) / T_{k+1}(1 / rho)``, T the Chebyshev polynomials.
-    Source: Golub and Varga 1961, key GolubVarga1961; theory 7-H4.
-    """
-    if sequence == 0:
-        return 1.0
-    theta = np.arccosh(1.0 / rho)
-    share = (1.0 + np.exp(-2.0 * sequence * theta)) / (1.0 + np.exp(-2.0 * (sequence + 1) * theta))
-    return float(2.0 / rho * np.exp(-theta) * share)
-
-
-def accelerated(value: FloatArray, before: FloatArray, omega: float) -> FloatArray:
-    """``x+ = omega x_new + (1 - omega) x_last`` for ``z = (x, x_last)``: ``value`` after, z ``before`` the exchange."""
-    half = value.shape[0] // 2
-    return np.concatenate([omega * value[:half] + (1.0 - omega) * before[half:], value[half:]])
 
 
 def _innovation(

@@ -72,7 +72,8 @@ class Run:
     @property
     def error_norm(self) -> FloatArray:
         """(T,) Euclidean norm of the whole network's error; nodes that are away do not count."""
-        norm: FloatArray = np.sqrt(np.nansum(self.error**2, axis=(1, 2)))
+        present = np.where((self.status == "away")[:, :, None], 0.0, self.error)
+        norm: FloatArray = np.sqrt((present**2).sum(axis=(1, 2)))
         return norm
 
     def __getitem__(self, name: str) -> NDArray[Any]:

@@ -50,6 +50,8 @@ class _Node:
         elapsed = (1.0 + self.clock.drift) * (time - self.last_act)
         if elapsed <= _SNAP * self.clock.period or self.away:
             return self.state
+        if abs(elapsed - self.clock.period) <= _SNAP * self.clock.period:
+            elapsed = self.clock.period  # equal steps of a time axis differ in their last digits only
         return self.program.step(self.state, self.inbox, self.readings, elapsed, self.told)
 
 
@@ -184,8 +186,7 @@ class EventRun:
             node.index: said for node in acting if not node.away and (said := self._said(node, time)) is not None
         }
         active = None if self._scenario.topology is None else self._scenario.topology.at(time)
-        place = padded(self._world.shown(self._truth))
-        self._wire.send(time, messages, self._open(active), place)
+        self._wire.send(time, messages, self._open(active), self._place())
         for receiver, message in self._wire.arrivals(time):
             heard = self._nodes[receiver].heard
             known = heard.get(message.sender)
@@ -200,6 +201,10 @@ class EventRun:
             labels = [label for label in node.program.reads if active is None or active[label]]
             node.readings = {label: readings[label] for label in labels}
             node.inbox = self._inbox(node, time)
+
+    def _place(self) -> FloatArray:
+        """True states (N, n), where losses depend on them."""
+        return padded(self._world.shown(self._truth)) if self._channel.reach is not None else np.zeros((0, 0))
 
     def _said(self, node: _Node, time: float) -> Message | None:
         message = node.program.emit(node.state)
@@ -242,7 +247,7 @@ class EventRun:
                 continue
             age = now - message.time
             if channel.old == "drop":
-                successor = (1.0 - 1e-6) * self._nodes[self._position[name]].clock.period
+                successor = (1.0 - _SNAP) * self._nodes[self._position[name]].clock.period
                 if age > successor + channel.delay + channel.jitter:
                     continue
             elif channel.stale is not None and age > channel.stale * (1.0 + _SNAP):

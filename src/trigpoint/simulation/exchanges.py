@@ -10,8 +10,9 @@ import scipy.sparse as sp
 
 from trigpoint.arrays import FloatArray, IntArray, transition_and_integral
 from trigpoint.linalg.blocks import Ranges, diagonal_of
+from trigpoint.observers.acceleration import accelerated, chebyshev_factor
 from trigpoint.observers.assembled import AssembledObserver
-from trigpoint.observers.local import LocalState, accelerated, chebyshev_factor
+from trigpoint.observers.local import LocalState
 from trigpoint.simulation.channel import Channel
 from trigpoint.simulation.clockwork import ticks
 from trigpoint.simulation.scenario import Scenario
@@ -213,7 +214,8 @@ class AtOnce:
             ]
         )
         self._age = self._lag * period
-        self._silent = channel.old != "drop" and channel.stale is not None and self._age > channel.stale * (1.0 + _SNAP)
+        fresh = channel.old == "drop" or channel.stale is None or self._age <= channel.stale * (1.0 + _SNAP)
+        self._silent = not fresh
         self._maps: dict[tuple[float, bool], _Maps] = {}
         self._count = 0
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.linalg import eigsh
 
-from trigpoint.analysis.eigenvalue import smallest_eigenvalue
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, IntArray
+from trigpoint.graphs import MeasurementGraph
 from trigpoint.model import NetworkedAgents
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
@@ -83,22 +84,31 @@ def _connections(
         anchored = graph.component_is_anchored[graph.component_labels]
         return np.broadcast_to(np.where(anchored, "anchored", "relative"), shape), None
     known: dict[bytes, tuple[NDArray[np.bool_], float]] = {}
-    rows, values = [], []
+    rows: list[NDArray[np.bool_]] = []
+    values: list[float] = []
     for time in times.tolist():
         key = topology.at(time).tobytes()
         if key not in known:
             part = topology.graph_at(graph, time)
-            known[key] = (part.component_is_anchored[part.component_labels], _smallest(part))
+            present = np.flatnonzero(~away[len(rows)])
+            known[key] = (part.component_is_anchored[part.component_labels], _smallest(part, present))
         rows.append(known[key][0])
         values.append(known[key][1])
     anchored = np.array(rows).reshape(shape)
     return np.where(away, "away", np.where(anchored, "anchored", "relative")), np.array(values)
 
 
-def _smallest(graph: Any) -> float:
-    if graph.n_nodes > _DENSE or graph.dimension > 1:
-        return float(smallest_eigenvalue(graph).value)
-    return max(0.0, float(np.linalg.eigvalsh(graph.laplacian().toarray())[0])) if graph.is_externally_connected else 0.0
+def _smallest(graph: MeasurementGraph, present: IntArray) -> float:
+    """Smallest eigenvalue of the part of L that belongs to the nodes that are present."""
+    if not graph.component_is_anchored[graph.component_labels[present]].all() or not present.size:
+        return 0.0
+    p = graph.dimension
+    L = graph.laplacian().tocsr()
+    if p == 1:
+        L = L[present][:, present]
+    if L.shape[0] <= _DENSE or p > 1:
+        return max(0.0, float(np.linalg.eigvalsh(L.toarray())[0]))
+    return float(eigsh(L.tocsc(), k=1, sigma=0.0, which="LM", return_eigenvectors=False, v0=np.ones(L.shape[0]))[0])
 
 
 def _facts(observer: NetworkObserver, scenario: Scenario) -> dict[str, Any]:

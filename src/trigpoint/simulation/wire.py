@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -36,6 +37,7 @@ class Wire:
     bytes: dict[int, int] = field(default_factory=dict)
     _bad: set[tuple[int, int]] = field(default_factory=set)
     _way: list[tuple[float, int, int, Message]] = field(default_factory=list)
+    _here: list[tuple[int, Message]] = field(default_factory=list)
     _count: int = 0
 
     def send(
@@ -45,6 +47,9 @@ class Wire:
 
         Args: ``time`` now; ``place`` (N, n) true states, for losses that grow with distance.
         """
+        if self.is_ideal:
+            self._pass_on(messages, open_links)
+            return
         for link in self.links:
             if link[0] not in messages:
                 continue
@@ -59,9 +64,27 @@ class Wire:
                 self._count += 1
                 heapq.heappush(self._way, (time + self.channel.delay + late, self._count, link[1], message))
 
+    @cached_property
+    def is_ideal(self) -> bool:
+        """True where everything arrives at once, as it was sent."""
+        channel = self.channel
+        return channel.is_certain and not (channel.delay or channel.quantum or channel.span)
+
+    def _pass_on(self, messages: dict[int, Message], open_links: set[tuple[int, int]]) -> None:
+        sent, size = self.sent, self.bytes
+        for link in self.links:
+            message = messages.get(link[0])
+            if message is None or link not in open_links:
+                continue
+            sent[link[0]] = sent.get(link[0], 0) + 1
+            size[link[0]] = size.get(link[0], 0) + HEAD_BYTES + 8 * message.estimate.shape[0]
+            self._here.append((link[1], message))
+
     def arrivals(self, time: float) -> list[tuple[int, Message]]:
         """(receiver, message) of all that has arrived by now, in the order of arrival."""
-        found = []
+        found, self._here = self._here, []
+        for receiver, _ in found:
+            self.delivered[receiver] = self.delivered.get(receiver, 0) + 1
         while self._way and self._way[0][0] <= time + _SOON * max(1.0, abs(time)):
             _, _, receiver, message = heapq.heappop(self._way)
             self.delivered[receiver] = self.delivered.get(receiver, 0) + 1
