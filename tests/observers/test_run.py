@@ -43,9 +43,7 @@ def test_series_by_name(name) -> None:
 
 @pytest.mark.parametrize("name", ["times", "names", "Error", "", "__init__"])
 def test_other_names_are_refused(name) -> None:
-    with pytest.raises(
-        ArgumentError, match="a run holds bytes, delivered, error, estimate, lambda_min, messages, status, truth; got"
-    ):
+    with pytest.raises(ArgumentError, match=r"a run holds bytes, delivered, error, .*, truth; got"):
         make([0, 1], [4.0, 1.0])[name]
 
 

@@ -2,6 +2,7 @@
 
 from trigpoint.simulation.channel import Bursts, Channel, Outage, Trigger
 from trigpoint.simulation.clocks import Clocks
+from trigpoint.simulation.ensemble import Ensemble, ensemble
 from trigpoint.simulation.motion import Bouncing, Trajectory, proximity
 from trigpoint.simulation.scenario import Noise, Scenario
 from trigpoint.simulation.topology import Absence, Topology
@@ -13,12 +14,14 @@ __all__ = [
     "Bursts",
     "Channel",
     "Clocks",
+    "Ensemble",
     "Noise",
     "Outage",
     "Scenario",
     "Topology",
     "Trajectory",
     "Trigger",
+    "ensemble",
     "proximity",
     "simulate",
 ]

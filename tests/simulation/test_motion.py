@@ -1,0 +1,92 @@
+"""Agents in motion: reflections exact over many bounces, links that appear and vanish at their exact instants."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trigpoint.errors import ArgumentError
+from trigpoint.simulation import Bouncing, Trajectory, proximity
+
+
+def reflected(x: Fraction, v: Fraction, time: Fraction, side: Fraction) -> tuple[Fraction, Fraction]:
+    """Bounce by bounce, in exact arithmetic."""
+    while True:
+        wall = side if v > 0 else Fraction(0)
+        needed = (wall - x) / v
+        if needed > time:
+            return x + v * time, v
+        x, v, time = wall, -v, time - needed
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.0, 60.0))
+def test_a_place_is_that_of_every_single_bounce(seed, time) -> None:
+    rng = np.random.default_rng(seed)
+    motion = Bouncing.drawn(3, 2.0, (0.5, 1.0), rng)
+    state = motion.at(time)
+    for agent in range(3):
+        for axis in range(2):
+            x, v = reflected(
+                Fraction(motion.position[agent, axis]),
+                Fraction(motion.velocity[agent, axis]),
+                Fraction(time),
+                Fraction(2),
+            )
+            assert abs(state[agent, axis] - float(x)) <= 1e-13 * (1.0 + time)
+            assert state[agent, 2 + axis] == float(v) or min(float(x), 2.0 - float(x)) < 1e-12 * (1.0 + time)
+
+
+def test_energy_is_kept_to_the_last_bit_over_a_hundred_thousand_bounces() -> None:
+    motion = Bouncing.drawn(8, 1.0, (0.5, 1.0), np.random.default_rng(1))
+    until = 1e5 / float(np.abs(motion.velocity).sum())
+    instants = motion.bounces(until)
+    assert 0.99e5 < instants.shape[0] < 1.01e5
+    energy = (motion.velocity**2).sum(axis=1)
+    for time in np.linspace(0.0, until, 300):
+        state = motion.at(float(time))
+        assert np.array_equal((state[:, 2:] ** 2).sum(axis=1), energy)
+        assert (state[:, :2] >= 0.0).all()
+        assert (state[:, :2] <= 1.0).all()
+    # At a bounce somebody is at a wall: to the rounding of v t.
+    for time in instants[:: len(instants) // 50].tolist():
+        place = motion.positions(time)
+        assert np.minimum(place, 1.0 - place).min() < 1e-11 * (1.0 + time)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_links_change_when_the_distance_is_the_radius(seed) -> None:
+    motion = Bouncing.drawn(6, 2.0, (0.5, 1.0), np.random.default_rng(seed))
+    pairs = list(combinations(range(6), 2))
+    topology = proximity(motion, pairs, 1.2, 12.0, always=2)
+    assert topology.active[:, -2:].all()
+
+    def distances(time: float) -> np.ndarray:
+        place = motion.positions(time)
+        return np.array([np.linalg.norm(place[a] - place[b]) for a, b in pairs])
+
+    for k, time in enumerate(topology.times.tolist()[1:], start=1):
+        changed = np.flatnonzero(topology.active[k] != topology.active[k - 1])
+        assert changed.size
+        np.testing.assert_allclose(distances(time)[changed], 1.2, atol=1e-12)
+    for time in np.random.default_rng(seed).uniform(0.0, 12.0, 400).tolist():
+        gap = distances(time)
+        clear = np.abs(gap - 1.2) > 1e-6
+        assert np.array_equal(topology.at(time)[:-2][clear], (gap <= 1.2)[clear])
+
+
+def test_a_table_is_straight_between_its_rows_and_stands_outside_them() -> None:
+    motion = Trajectory([0.0, 1.0, 3.0], [[[0.0]], [[2.0]], [[4.0]]])
+    assert [float(motion.at(t)[0, 0]) for t in (-1.0, 0.0, 0.5, 1.0, 2.0, 3.0, 9.0)] == [0, 0, 1, 2, 3, 4, 4]
+    assert float(Trajectory([2.0], [[[7.0]]]).at(0.0)[0, 0]) == 7.0
+
+
+def test_nonsense_radii_are_refused() -> None:
+    motion = Bouncing.drawn(2, 1.0, (0.5, 1.0), np.random.default_rng(0))
+    with pytest.raises(ArgumentError, match="radius and until must be positive"):
+        proximity(motion, [(0, 1)], -1.0, 1.0)
