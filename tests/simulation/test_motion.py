@@ -32,12 +32,8 @@ def test_a_place_is_that_of_every_single_bounce(seed, time) -> None:
     state = motion.at(time)
     for agent in range(3):
         for axis in range(2):
-            x, v = reflected(
-                Fraction(motion.position[agent, axis]),
-                Fraction(motion.velocity[agent, axis]),
-                Fraction(time),
-                Fraction(2),
-            )
+            exact = (motion.position[agent, axis], motion.velocity[agent, axis], time, 2)
+            x, v = reflected(*(Fraction(value) for value in exact))
             assert abs(state[agent, axis] - float(x)) <= 1e-13 * (1.0 + time)
             assert state[agent, 2 + axis] == float(v) or min(float(x), 2.0 - float(x)) < 1e-12 * (1.0 + time)
 

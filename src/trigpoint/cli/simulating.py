@@ -14,16 +14,19 @@ from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import Estimating, Given, Stated, changed, instants, part_of, read_any
 from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Rate, Weights, served
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, ending, guarded, notice, tracked
+from trigpoint.cli.trouble import trouble_of
 from trigpoint.errors import ArgumentError
 from trigpoint.estimation import estimate
+from trigpoint.graphs import MeasurementGraph
 from trigpoint.io import save, write_atomically
 from trigpoint.io.sections import SimulateSection
 from trigpoint.methods import design
 from trigpoint.model import Network, NetworkedAgents
+from trigpoint.observers.assembled import Problem, channels_of
 from trigpoint.observers.network import NetworkObserver
 from trigpoint.observers.run import Run
 from trigpoint.report import render, run_page
-from trigpoint.simulation import Channel, Noise, Scenario, simulate
+from trigpoint.simulation import Noise, Scenario, simulate
 
 Horizon = Annotated[float | None, typer.Option("--horizon", help="Simulated seconds.")]
 Period = Annotated[float | None, typer.Option("--period", help="Seconds between exchanges; continuous if absent.")]
@@ -48,7 +51,7 @@ def simulate_command(
     """Simulate the observer from a wrong start.
 
     On a measured network of constants the readings are those of the file, and the error is the distance from the
-    least-squares answer. --out FILE.npz keeps the run, --out FILE.html writes a report.
+    least-squares answer. --out FILE.npz (.nc, .zarr) keeps the run, --out FILE.html writes a report.
     """
     given = read_any(file)
     choices = changed(
@@ -62,7 +65,7 @@ def simulate_command(
             emit({"path": None, "time_to_1_percent": None, "final_error": None, "decay_rate_measured": None})
         return FAILS
     observer = design(part.problem, method_of(choices, part.problem))
-    ending(out, ".npz", ".html")
+    ending(out, ".npz", ".nc", ".zarr", ".html")
     scenario = scenario_of(given, part, observer, _section(given.simulate, horizon, period, seed))
     run = simulate(served(part.problem, observer), observer, scenario, progress=tracked("simulating"))
     if out is not None:
@@ -108,11 +111,18 @@ def scenario_of(
         truth,
         period=section.period,
         noise=noise if noise.measurement or noise.process else None,
-        channel=Channel(section.loss) if section.loss else None,
+        **trouble_of(section, given.path, *_nodes_of(part.problem)),
         measurements=measurements,
         seed=section.seed,
         path=section.path,
     )
+
+
+def _nodes_of(problem: Problem) -> tuple[tuple[str, ...], MeasurementGraph | None, int]:
+    """Names, arcs and the number of states of a node."""
+    channels = channels_of(problem)
+    graph = problem.graph if isinstance(problem, NetworkedAgents) else None
+    return channels.names, graph, max(target.shape[0] for target in channels.targets)
 
 
 def _warn(given: Given | Stated, part: Estimating) -> None:

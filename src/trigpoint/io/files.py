@@ -13,6 +13,7 @@ from trigpoint.io.documents import READERS, WRITERS
 from trigpoint.io.formats import NETWORK_FORMATS, Format, format_of
 from trigpoint.io.nodelink import nodelink_from_document, parse_json
 from trigpoint.io.run_file import read_run, run_bytes
+from trigpoint.io.run_tables import netcdf_bytes, read_netcdf, read_zarr, zarr_bytes
 from trigpoint.io.scenario import read_scenario
 from trigpoint.io.text import nearest, read_text, shown
 
@@ -59,6 +60,8 @@ FORMATS: dict[str, Format] = {
     **NETWORK_FORMATS,
     "json": replace(NETWORK_FORMATS["json"], read=read_json, write=_write_json),
     "npz": Format("npz", (".npz",), read_run, run_bytes, "recorded run: arrays and a header, nothing pickled"),
+    "nc": Format("nc", (".nc",), read_netcdf, netcdf_bytes, "recorded run as NetCDF"),
+    "zarr": Format("zarr", (".zarr",), read_zarr, zarr_bytes, "recorded run as Zarr, in one zip file"),
     "toml": Format("toml", (".toml",), read_scenario, None, "scenario: network, agent, design, simulation, run"),
 }
 """Every format that ``load`` and ``save`` know, by name."""

@@ -5,20 +5,26 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from trigpoint.arrays import FloatArray, frozen
+from trigpoint.io.section_base import Numbers, PositiveNumber, Section, is_number
 from trigpoint.io.text import shown
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+from trigpoint.io.trouble_sections import (
+    TROUBLES,
+    AbsenceSection,
+    ChannelSection,
+    ClocksSection,
+    MotionSection,
+    TopologySection,
+    TriggerSection,
+)
 
 
 def _matrix(value: Any) -> FloatArray:
-    rows = [[value]] if _is_number(value) else value
+    rows = [[value]] if is_number(value) else value
     whole = isinstance(rows, list) and rows and all(isinstance(row, list) and row for row in rows)
-    if not whole or not all(_is_number(entry) for row in rows for entry in row):
+    if not whole or not all(is_number(entry) for row in rows for entry in row):
         raise ValueError(f"got {shown(value)}, expected a matrix such as [[0, 1], [0, 0]]")
     if len({len(row) for row in rows}) > 1:
         raise ValueError(f"got rows of {sorted({len(row) for row in rows})} numbers, expected rows of equal length")
@@ -33,23 +39,14 @@ def _covariance(value: Any) -> FloatArray:
     return matrix
 
 
-def _numbers(value: Any) -> Any:
-    def good(entry: Any) -> bool:
-        return _is_number(entry) or (isinstance(entry, list) and bool(entry) and all(map(good, entry)))
-
-    if not good(value):
-        raise ValueError(f"got {shown(value)}, expected a number or a list of numbers")
-    return value
-
-
 def _gain(value: Any) -> Any:
-    if value in ("from-graph", "worst-case") or (_is_number(value) and value > 0):
+    if value in ("from-graph", "worst-case") or (is_number(value) and value > 0):
         return value
     raise ValueError(f"got {shown(value)}, expected 'from-graph', 'worst-case' or a positive number")
 
 
 def _instants(value: Any) -> FloatArray:
-    if not isinstance(value, list) or not value or not all(map(_is_number, value)):
+    if not isinstance(value, list) or not value or not all(map(is_number, value)):
         raise ValueError(f"got {shown(value)}, expected a list of times in seconds")
     times = frozen(value)
     if times[0] < 0 or (np.diff(times) <= 0).any():
@@ -58,7 +55,7 @@ def _instants(value: Any) -> FloatArray:
 
 
 def _process(value: Any) -> Any:
-    if isinstance(value, bool) or (_is_number(value) and value >= 0):
+    if isinstance(value, bool) or (is_number(value) and value >= 0):
         return value
     raise ValueError(f"got {shown(value)}, expected true, false or a number of at least 0")
 
@@ -67,7 +64,7 @@ def _spectrum(value: Any) -> Any:
     """Numbers, or pairs [real, imaginary], as complex numbers."""
 
     def good(entry: Any) -> bool:
-        return _is_number(entry) or (isinstance(entry, list) and len(entry) == 2 and all(map(_is_number, entry)))
+        return is_number(entry) or (isinstance(entry, list) and len(entry) == 2 and all(map(is_number, entry)))
 
     if isinstance(value, tuple):  # read before
         return value
@@ -77,23 +74,15 @@ def _spectrum(value: Any) -> Any:
 
 
 def _arc_weights(value: Any) -> Any:
-    if value == "optimal" or _is_number(value):
+    if value == "optimal" or is_number(value):
         return value
-    if isinstance(value, list) and value and all(map(_is_number, value)):
+    if isinstance(value, list) and value and all(map(is_number, value)):
         return value
     raise ValueError(f"got {shown(value)}, expected 'optimal', a number, or one number an arc")
 
 
 Matrix = Annotated[Any, BeforeValidator(_matrix)]
 CovarianceMatrix = Annotated[Any, BeforeValidator(_covariance)]
-Numbers = Annotated[Any, AfterValidator(_numbers)]
-PositiveNumber = Annotated[float, Field(gt=0)]
-
-
-class Section(BaseModel):
-    """Frozen, strict, no undeclared key."""
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", arbitrary_types_allowed=True)
 
 
 class AgentSection(Section):
@@ -151,6 +140,7 @@ class SimulateSection(Section):
 
     ``times`` (s), or ``samples`` instants up to ``horizon`` (s); exchange ``period`` (s), None is continuous;
     ``initial_error`` and ``initial_state``, a number or a list; ``noise``; ``loss``, the fraction of messages lost;
+    ``channel``, ``clocks``, ``topology``, ``absences``, ``trigger``, ``motion``, ``gossip``: what goes wrong;
     ``seed``; ``path`` of the computation.
     """
 
@@ -162,6 +152,13 @@ class SimulateSection(Section):
     initial_state: Numbers | None = None
     noise: NoiseSection = NoiseSection()
     loss: Annotated[float, Field(ge=0, le=1)] = 0.0
+    channel: ChannelSection | None = None
+    clocks: ClocksSection | None = None
+    topology: TopologySection | None = None
+    absences: list[AbsenceSection] = Field(default_factory=list)
+    trigger: TriggerSection | None = None
+    motion: MotionSection | None = None
+    gossip: bool = False
     seed: Annotated[int, Field(ge=0)] = 0
     path: Literal["auto", "stacked", "modal", "reference"] = "auto"
 
@@ -169,6 +166,8 @@ class SimulateSection(Section):
     def _one_way_to_say_when(self) -> SimulateSection:
         if self.times is not None and (self.horizon is not None or self.samples is not None):
             raise ValueError("got times beside horizon or samples; give times, or horizon with samples")
+        if self.channel is not None and self.loss:
+            raise ValueError("got loss beside channel; write channel = {loss = ...}")
         if self.samples is not None and self.horizon is None:
             raise ValueError("got samples without horizon; give both, or times")
         return self
@@ -205,7 +204,7 @@ class ArcRow(Section):
     start: Annotated[Any, Field(alias="from")] = ""
     to: Any
     value: Numbers | None = None
-    sigma: Annotated[Any, AfterValidator(_numbers)] | None = None
+    sigma: Numbers | None = None
 
 
 class Document(Section):
@@ -260,6 +259,7 @@ SECTIONS: tuple[type[Section], ...] = (
     DesignSection,
     SimulateSection,
     NoiseSection,
+    *TROUBLES,
     RunSection,
 )
 """The models that stand inside others, by which an unknown key finds its table's known ones."""

@@ -1,0 +1,123 @@
+"""``[simulate]`` with channels, clocks, topologies and motion, from the file to the run."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import trigpoint as tp
+from tests.cli.shelled import trigpoint
+
+
+def run(*arguments):
+    return trigpoint(*[str(argument) for argument in arguments])
+
+
+NETWORK = """
+[network]
+gallery = {kind = "grid", rows = 2, cols = 3, anchors = [0]}
+[agent]
+A = [[0, 1], [-1, 0]]
+C = [[1, 0]]
+[simulate]
+horizon = 2.0
+samples = 11
+"""
+
+
+@pytest.mark.parametrize(
+    ("extra", "path"),
+    [
+        ("period = 0.1\nchannel = {loss = 0.1, delay = 0.05, old = 'propagate', stale = 1.0}", "reference"),
+        ("period = 0.1\nchannel = {delay = 0.05, quantum = 0.01, span = 8}", "stacked"),
+        (
+            "period = 0.1\nchannel = {bursts = {begin = 0.1, end = 0.5}, outages = [{start = 0.5, stop = 1}]}",
+            "reference",
+        ),
+        ("period = 0.1\nchannel = {outages = [{start = 0.5, stop = 1, links = [['0', '1']]}]}", "reference"),
+        ("period = 0.1\nclocks = {drift = 1e-4, period = [0.1, 0.1, 0.2, 0.2, 0.1, 0.1]}", "reference"),
+        ("topology = {dwell = 0.25, arrival = 0.7, seed = 3}", "modal"),
+        ("topology = {changes = [{time = 0, arcs = [0, 1, 2]}, {time = 1, arcs = [3, 4, 5, 6, 7]}]}", "modal"),
+        ("absences = [{node = '4', start = 0.5, stop = 1.5}, {node = '2', start = 1}]", "modal"),
+        ("period = 0.1\nchannel = {old = 'use'}\ntrigger = {size = 0.3, rate = 0.1}", "reference"),
+        ("noise = {measurement = 0.1, process = 0.1}", "modal"),
+    ],
+)
+def test_trouble_is_read_from_the_file(extra, path, tmp_path) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(NETWORK + extra + "\n", encoding="utf-8")
+    done = run("simulate", file, "--json", "--out", tmp_path / "run.npz")
+    assert done.exit_code == 0, done.stderr
+    assert json.loads(done.stdout)["path"] == path
+    assert tp.load(tmp_path / "run.npz").path == path
+
+
+def test_motion_from_a_file_and_bouncing(tmp_path) -> None:
+    file = tmp_path / "s.toml"
+    table = (
+        "t,"
+        + ",".join(f"s{k}" for k in range(12))
+        + "\n0,"
+        + ",".join(["1"] * 12)
+        + "\n# half\n2,"
+        + ",".join(["3"] * 12)
+    )
+    (tmp_path / "motion.csv").write_text(table + "\n", encoding="utf-8")
+    file.write_text(NETWORK + "motion = {file = 'motion.csv'}\n", encoding="utf-8")
+    assert run("simulate", file, "--out", tmp_path / "run.npz").exit_code == 0
+    np.testing.assert_allclose(tp.load(tmp_path / "run.npz").truth[5], 2.0)
+    plane = NETWORK.replace(
+        "A = [[0, 1], [-1, 0]]\nC = [[1, 0]]",
+        "A = [[0,0,1,0],[0,0,0,1],[0,0,0,0],[0,0,0,0]]\nC = [[1,0,0,0],[0,1,0,0]]",
+    )
+    file.write_text(plane + "motion = {side = 2.0, seed = 4}\n", encoding="utf-8")
+    assert run("simulate", file, "--out", tmp_path / "run.npz").exit_code == 0
+    truth = tp.load(tmp_path / "run.npz").truth
+    assert (truth[:, :, :2] >= 0).all()
+    assert (truth[:, :, :2] <= 2.0).all()
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        ("loss = 0.1\nperiod = 0.1\nchannel = {delay = 0.1}", "got loss beside channel"),
+        ("period = 0.1\nchannel = {dely = 0.1}", "did you mean 'delay'"),
+        ("period = 0.1\nchannel = {old = 'keep'}", "old"),
+        ("absences = [{node = 'Z', start = 1}]", "names the node 'Z'; the nodes are 0, 1, 2"),
+        ("topology = {dwell = 1.0}", "expected either dwell and arrival, or changes"),
+        ("motion = {seed = 1}", "expected either a file or a side"),
+        ("motion = {side = 1.0}", "bouncing agents have 4 states"),
+        ("motion = {file = 'none.csv'}", "there is no such file"),
+        ("motion = {file = 'bad.csv'}", "bad.csv:2: got 'x,y', expected numbers separated by commas"),
+        ("motion = {file = 'short.csv'}", "got 2 numbers, expected the time and 6 x 2 states"),
+        ("motion = {file = 'empty.csv'}", "holds no row of numbers"),
+        ("period = 0.1\nchannel = {outages = [{start = 0, stop = 1, links = [['0']]}]}", "must be pairs"),
+    ],
+)
+def test_what_does_not_fit_is_an_error_with_its_reason(extra, words, tmp_path) -> None:
+    for name, text in (("bad", "0," + ",".join(["1"] * 12) + "\nx,y\n"), ("short", "0,1\n"), ("empty", "# nothing\n")):
+        (tmp_path / f"{name}.csv").write_text(text, encoding="utf-8")
+    file = tmp_path / "s.toml"
+    file.write_text(NETWORK + extra + "\n", encoding="utf-8")
+    done = run("simulate", file)
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_topology_needs_arcs_and_an_end(tmp_path) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(
+        "[plant]\nA = [[0, 1], [-1, 0]]\noutputs = [[[1, 0]], [[0, 1]]]\nneighbours = [[1], [0]]\n"
+        "[simulate]\nhorizon = 1.0\ntopology = {dwell = 0.1, arrival = 0.5}\n",
+        encoding="utf-8",
+    )
+    done = run("simulate", file)
+    assert done.exit_code == 2
+    assert "use outages of links" in done.stderr
+    file.write_text(
+        NETWORK.replace("horizon = 2.0\nsamples = 11\n", "topology = {dwell = 1.0, arrival = 0.5}\n"), encoding="utf-8"
+    )
+    assert "a random topology needs a horizon or times" in run("simulate", file).stderr
