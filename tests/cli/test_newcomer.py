@@ -106,7 +106,10 @@ def test_verify_takes_the_folder_and_wrong_kinds_are_in_plain_words(tmp_path):
     assert "belongs to an earlier design" in again.stderr
     assert "is a folder, expected a file" in run("check", tmp_path).stderr
     assert ".npz holds recorded runs" in run("convert", EXAMPLES / "levelling.csv", tmp_path / "a.npz").stderr
-    assert "ending in .npz or .html" in run("simulate", EXAMPLES / "levelling.csv", "--out", tmp_path / "r.csv").stderr
+    assert (
+        "ending in .npz or .nc or .zarr or .html"
+        in run("simulate", EXAMPLES / "levelling.csv", "--out", tmp_path / "r.csv").stderr
+    )
 
 
 def test_check_names_what_must_not_fail_and_what_to_add():

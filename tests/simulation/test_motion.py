@@ -7,9 +7,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+import scipy.linalg as la
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import trigpoint as tp
 from trigpoint.errors import ArgumentError
 from trigpoint.simulation import Bouncing, Trajectory, proximity
 
@@ -80,6 +82,31 @@ def test_a_table_is_straight_between_its_rows_and_stands_outside_them() -> None:
     motion = Trajectory([0.0, 1.0, 3.0], [[[0.0]], [[2.0]], [[4.0]]])
     assert [float(motion.at(t)[0, 0]) for t in (-1.0, 0.0, 0.5, 1.0, 2.0, 3.0, 9.0)] == [0, 0, 1, 2, 3, 4, 4]
     assert float(Trajectory([2.0], [[[7.0]]]).at(0.0)[0, 0]) == 7.0
+
+
+def test_reflections_that_nobody_announces_disturb_by_the_jump_of_the_velocity() -> None:
+    """Between reflections the error moves by itself; at each one it takes the jump, which the reference path feels."""
+    plane = tp.LinearAgent(np.kron([[0.0, 1.0], [0.0, 0.0]], np.eye(2)), np.kron([[1.0, 0.0]], np.eye(2)))
+    problem = tp.NetworkedAgents(tp.graphs.cycle(3, anchors=(0,)), plane)
+    observer = tp.design(problem, tp.methods.LocalKalman())
+    motion = Bouncing.drawn(3, 1.0, (0.5, 1.0), np.random.default_rng(6), known=False)
+    times = np.linspace(0.0, 3.0, 31)
+    exact = tp.simulate(problem, observer, tp.Scenario(times, 0.0, motion=motion))
+    fine = tp.simulate(problem, observer, tp.Scenario(times, 0.0, motion=motion, period=2e-3))
+    told = Bouncing(motion.position, motion.velocity, 1.0)
+    assert np.abs(tp.simulate(problem, observer, tp.Scenario(times, 0.0, motion=told)).error).max() < 1e-12
+    assert np.abs(exact.error).max() > 0.3
+    np.testing.assert_array_equal(fine.truth[0], motion.at(0.0))
+    assert np.abs(exact.error - fine.error)[:, :, :2].max() < 0.02
+    H, error, now, k = observer.error_matrix().toarray(), np.zeros(12), 0.0, 1
+    for time in sorted({*motion.bounces(3.0).tolist(), *times[1:].tolist()}):
+        error, now = la.expm(H * (time - now)) @ error, time
+        if k < 31 and time == times[k]:
+            np.testing.assert_allclose(exact.error[k].ravel(), error, atol=1e-9)
+            k += 1
+        else:
+            jump = motion.at(time + 1e-7)[:, 2:] - motion.at(time - 1e-7)[:, 2:]
+            error = error - np.concatenate([np.zeros((3, 2)), jump], axis=1).ravel()
 
 
 def test_nonsense_radii_are_refused() -> None:

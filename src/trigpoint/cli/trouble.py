@@ -95,15 +95,15 @@ def _motion(section: MotionSection, path: Path, count: int, states: int) -> Traj
         if states != 4:
             raise ArgumentError(f"bouncing agents have 4 states (place and velocity in a plane); got {states}")
         speeds = (section.speeds[0], section.speeds[1])
-        return Bouncing.drawn(count, section.side, speeds, np.random.default_rng(section.seed))
+        return Bouncing.drawn(count, section.side, speeds, np.random.default_rng(section.seed), known=section.known)
     file = path.parent / str(section.file)
-    return trajectory_from_csv(file, count, states)
+    return trajectory_from_csv(file, count, states, section.known)
 
 
-def trajectory_from_csv(path: Path, count: int, states: int) -> Trajectory:
+def trajectory_from_csv(path: Path, count: int, states: int, known: bool = True) -> Trajectory:
     """A table of motion: each line the time and then ``count`` times ``states`` numbers; # lines are comments.
 
-    Args: ``path`` of the file.
+    Args: ``path`` of the file; ``known`` as in ``Trajectory``.
     """
     rows = []
     for number, line in enumerate(read_text(path).splitlines(), start=1):
@@ -123,4 +123,4 @@ def trajectory_from_csv(path: Path, count: int, states: int) -> Trajectory:
     if not rows:
         raise FileFormatError(path, "holds no row of numbers")
     table = np.array(rows)
-    return Trajectory(table[:, 0], table[:, 1:].reshape(len(rows), count, states))
+    return Trajectory(table[:, 0], table[:, 1:].reshape(len(rows), count, states), known)

@@ -91,11 +91,12 @@ class TriggerSection(Section):
 class MotionSection(Section):
     """``motion``: a ``file`` (CSV: time, then all states node after node), or ``side`` and ``speeds`` of bouncers.
 
-    Bouncing agents have four states, their place and velocity in a square.
+    Bouncing agents have four states, their place and velocity in a square. ``known``: the agents know how they move.
     """
 
     file: str | None = None
     side: PositiveNumber | None = None
+    known: bool = True
     speeds: list[PositiveNumber] = Field(default_factory=lambda: [0.5, 1.0], min_length=2, max_length=2)
     seed: Annotated[int, Field(ge=0)] = 0
 

@@ -154,7 +154,8 @@ class EventRun:
     def _state(self, node: _Node, time: float) -> LocalState:
         """The node's state now; what a given motion adds to its free motion is known to it."""
         state = node.at(time)
-        if self._scenario.motion is None or node.away or time <= node.last_act:
+        motion = self._scenario.motion
+        if motion is None or not motion.known or node.away or time <= node.last_act:
             return state
         now = self._observer.channels.targets[node.index] @ self._truth
         free = _moved(node.program, node.told, node.place, time - node.last_act)

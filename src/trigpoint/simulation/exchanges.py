@@ -165,7 +165,7 @@ def _later(
     if scenario.motion is None or duration == 0.0:
         return free, 0.0
     moved = scenario.motion.at(time + duration).ravel()
-    return moved, np.concatenate(world.shown(moved - free))
+    return moved, np.concatenate(world.shown(moved - free)) if scenario.motion.known else 0.0
 
 
 def _traffic(

@@ -1,9 +1,11 @@
-"""Agents whose motion is given: bouncing in a square, or as a table. Pure values."""
+"""Agents whose motion is given: bouncing in a square, or as a table. Pure values.
+
+Where ``known`` is False the agents have only their own dynamics for a model: whatever else moves them disturbs them.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,14 +15,6 @@ from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.simulation.topology import Topology
 
 
-class Motion(Protocol):
-    """Where every agent is at any time: (N, n) states, known to the agents as their own input."""
-
-    def at(self, time: float) -> FloatArray:
-        """The states (N, n) at ``time``."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """States given at instants, linear in between.
@@ -28,12 +22,14 @@ class Trajectory:
     Args:
         times: (K,) ascending seconds; before the first and after the last the motion stands still.
         states: (K, N, n).
+        known: the agents know their motion as their own input.
     """
 
     times: FloatArray
     states: FloatArray
+    known: bool
 
-    def __init__(self, times: ArrayLike, states: ArrayLike) -> None:
+    def __init__(self, times: ArrayLike, states: ArrayLike, known: bool = True) -> None:
         instants, table = np.atleast_1d(as_floats("times", times)), as_floats("states", states)
         if instants.ndim != 1 or (np.diff(instants) <= 0).any():
             raise ArgumentError("times of a trajectory must ascend")
@@ -41,6 +37,7 @@ class Trajectory:
             raise ShapeError(f"states must have shape (K, N, n) with K = {instants.shape[0]}; got {table.shape}")
         object.__setattr__(self, "times", instants)
         object.__setattr__(self, "states", table)
+        object.__setattr__(self, "known", bool(known))
 
     def at(self, time: float) -> FloatArray:
         """The states (N, n) at ``time``."""
@@ -62,13 +59,15 @@ class Bouncing:
         position: (N, d) at time 0, inside the square.
         velocity: (N, d) at time 0.
         side: length of the square's side.
+        known: the agents know when they are reflected.
     """
 
     position: FloatArray
     velocity: FloatArray
     side: float
+    known: bool
 
-    def __init__(self, position: ArrayLike, velocity: ArrayLike, side: float) -> None:
+    def __init__(self, position: ArrayLike, velocity: ArrayLike, side: float, known: bool = True) -> None:
         place, speed = as_floats("position", position), as_floats("velocity", velocity)
         if place.ndim != 2 or place.shape != speed.shape:
             raise ShapeError(f"position and velocity must both be (N, d); got {place.shape} and {speed.shape}")
@@ -77,19 +76,25 @@ class Bouncing:
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "velocity", speed)
         object.__setattr__(self, "side", float(side))
+        object.__setattr__(self, "known", bool(known))
 
     @staticmethod
     def drawn(
-        count: int, side: float, speeds: tuple[float, float], rng: np.random.Generator, dimension: int = 2
+        count: int,
+        side: float,
+        speeds: tuple[float, float],
+        rng: np.random.Generator,
+        dimension: int = 2,
+        known: bool = True,
     ) -> Bouncing:
         """``count`` agents at uniform places, with uniform directions and speeds between the two given.
 
-        Args: ``side`` of the square; ``rng``; ``dimension`` 2 or more.
+        Args: ``side`` of the square; ``rng``; ``dimension`` 2 or more; ``known`` as above.
         """
         direction = rng.standard_normal((count, dimension))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         speed = rng.uniform(*speeds, size=(count, 1))
-        return Bouncing(rng.uniform(0.0, side, (count, dimension)), speed * direction, side)
+        return Bouncing(rng.uniform(0.0, side, (count, dimension)), speed * direction, side, known)
 
     def at(self, time: float) -> FloatArray:
         """(N, 2 d): positions, then velocities, at ``time``."""

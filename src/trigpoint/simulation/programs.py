@@ -38,7 +38,8 @@ def run(observer: AssembledObserver, scenario: Scenario, path: str, progress: Pr
 
 def _start(observer: AssembledObserver, world: World, scenario: Scenario) -> Start:
     """z = V (x + error): a node with more states than it estimates begins consistently."""
-    truth = truth_of(world, scenario.initial_state)
+    given = scenario.initial_state if scenario.motion is None else scenario.motion.at(0.0).ravel()
+    truth = truth_of(world, given)
     errors = start_of(world, "initial_error", scenario.initial_error)
     shown = world.shown(truth)
     return Start(truth, [observer.target(k) @ (x + e) for k, (x, e) in enumerate(zip(shown, errors, strict=True))])

@@ -12,13 +12,14 @@ from trigpoint.analysis.modes import mode_matrices
 from trigpoint.arrays import BoolArray, FloatArray
 from trigpoint.errors import ArgumentError
 from trigpoint.observers.network import DiffusiveObserver
+from trigpoint.simulation.motion import Bouncing, Trajectory
 from trigpoint.simulation.plant import Plant, noise_factor
 from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.stacked import Series
 from trigpoint.simulation.topology import is_away, with_absences
 
 MODES_LIMIT = 1200
-DENSE_LIMIT = 600
+_JUST = 1e-9  # s, before an instant: the velocity with which an agent arrives at a wall
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,7 @@ def continuous(
             active = whole if topology is None else topology.at(now)
             x, error = step.go(_modes(observer, active, cache), x, error, time - now, rng)
             x = _truth_at(plant, scenario, truth, x, time)
+            error = error - _surprise(observer, scenario, now, time)
             error = _returned(scenario, x, error, now, time)
             now = time
         if is_output:
@@ -83,7 +85,11 @@ def _instants(scenario: Scenario) -> Iterator[tuple[float, bool]]:
     changes = set() if scenario.topology is None else set(scenario.topology.times.tolist())
     for one in scenario.absences:
         changes |= {one.start, one.stop}
-    last = outputs[-1]
+    last, motion = outputs[-1], scenario.motion
+    if isinstance(motion, Bouncing) and not motion.known:
+        changes.update(motion.bounces(last).tolist())
+    if isinstance(motion, Trajectory) and not motion.known:
+        changes.update(motion.times.tolist())
     return iter(sorted({(t, False) for t in changes if 0.0 < t < last} | {(t, True) for t in outputs}))
 
 
@@ -150,6 +156,23 @@ def _truth_at(plant: Plant, scenario: Scenario, start: FloatArray, x: FloatArray
     if plant.inputs is not None:
         raise ArgumentError("process noise under continuous exchange is for agents without inputs; give a period")
     return x
+
+
+def _surprise(observer: DiffusiveObserver, scenario: Scenario, before: float, now: float) -> FloatArray | float:
+    """What an unknown motion did from ``before`` to ``now`` beyond the free motion; reflections at their instants.
+
+    A reflection is counted in the interval that begins with it, so that both ends are read just inside the interval.
+    """
+    motion = scenario.motion
+    if motion is None or motion.known:
+        return 0.0
+    A, duration = observer.agent.A, now - before
+    if isinstance(motion, Trajectory):
+        return np.asarray(motion.at(now) - motion.at(before) @ la.expm(A * duration).T)
+    middle, earlier = motion.at(before + 0.5 * duration), motion.at(max(before - _JUST, 0.0))
+    d = motion.position.shape[1]
+    jump = np.concatenate([np.zeros_like(middle[:, :d]), middle[:, d:] - earlier[:, d:]], axis=1)
+    return np.asarray(jump @ la.expm(A * duration).T)
 
 
 def _returned(scenario: Scenario, x: FloatArray, error: FloatArray, before: float, now: float) -> FloatArray:
