@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
-Agreement = Literal["agrees", "differs", "erratum"]
+import numpy as np
+
+from trigpoint.arrays import FloatArray
+
+Agreement = Literal["agrees", "differs", "erratum", "not specified"]
 
 
 @dataclass(frozen=True)
@@ -14,17 +19,43 @@ class Cell:
 
     Attributes:
         at: where it stands (row, column, symbol).
-        paper: the printed number.
+        paper: the printed number; None where the paper prints none.
         ours: the computed number.
-        error: ``ours - paper``.
-        verdict: ``agrees`` to the printed digits, ``differs``, or ``erratum`` where the printed one is known wrong.
+        error: ``ours - paper``; None without one.
+        verdict: ``agrees`` to the printed digits, ``differs``, ``erratum`` where the printed one is known wrong, or
+            ``not specified`` where the paper does not say enough to compare. Where the paper prints no number, ``agrees``
+            and ``differs`` speak of what its statements give, which ``note`` then names.
+        note: why, where that needs saying.
     """
 
     at: str
-    paper: float
+    paper: float | None
     ours: float
-    error: float
+    error: float | None
     verdict: Agreement
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Curves to draw: ``lines`` over ``x``, with a logarithmic vertical axis where ``log_y``."""
+
+    title: str
+    x_label: str
+    y_label: str
+    x: FloatArray
+    lines: Mapping[str, FloatArray]
+    log_y: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A picture: one grey value for each entry of ``values`` (rows, columns), black at ``low``, white at ``high``."""
+
+    title: str
+    values: FloatArray
+    low: float
+    high: float
 
 
 @dataclass(frozen=True)
@@ -36,12 +67,16 @@ class Reproduction:
         source: paper and place.
         text: what it is and what to look at.
         cells: published numbers beside ours.
+        series: curves to draw.
+        fields: pictures.
     """
 
     name: str
     source: str
     text: str
     cells: tuple[Cell, ...]
+    series: tuple[Series, ...] = field(default=(), compare=False)
+    fields: tuple[Field, ...] = field(default=(), compare=False)
 
     @property
     def agrees(self) -> bool:
@@ -49,8 +84,25 @@ class Reproduction:
         return all(cell.verdict != "differs" for cell in self.cells)
 
 
-def cell(at: str, paper: float, ours: float, half_unit: float, *, erratum: bool = False) -> Cell:
+def cell(at: str, paper: float, ours: float, half_unit: float, *, erratum: bool = False, note: str = "") -> Cell:
     """Compare within half a unit of the last printed digit (and rounding); ``erratum`` marks a known misprint."""
     error = ours - paper
     close = abs(error) <= half_unit * (1.0 + 1e-9)
-    return Cell(at, paper, float(ours), float(error), "agrees" if close else "erratum" if erratum else "differs")
+    verdict: Agreement = "agrees" if close else "erratum" if erratum else "differs"
+    return Cell(at, float(paper), float(ours), float(error), verdict, note)
+
+
+def unspecified(at: str, ours: float, note: str) -> Cell:
+    """A number of ours for which the paper does not say enough (``note``)."""
+    return Cell(at, None, float(ours), None, "not specified", note)
+
+
+def holds(at: str, claim: bool, note: str = "", *, erratum: bool = False) -> Cell:
+    """A statement of the paper (1: it holds) beside what we found; ``erratum`` where it is known not to hold."""
+    return cell(at, 1.0, float(np.bool_(claim)), 0.0, note=note, erratum=erratum)
+
+
+def expected(at: str, value: float, ours: float, tolerance: float, note: str) -> Cell:
+    """A number that the paper does not print, against what its statements give (``value``), within ``tolerance``."""
+    verdict: Agreement = "agrees" if abs(ours - value) <= tolerance else "differs"
+    return Cell(at, None, float(ours), None, verdict, f"{note}: {value:.6g}")
