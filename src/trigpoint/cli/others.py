@@ -1,4 +1,4 @@
-"""``trigpoint convert``, ``reproduce``, ``report`` and ``watch``."""
+"""``trigpoint convert``, ``report`` and ``watch``."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from trigpoint.cli.compose import estimating, kind_of, read
-from trigpoint.cli.shell import FAILS, HOLDS, Json, Out, console, emit, ending, guarded
+from trigpoint.cli.shell import HOLDS, Json, Out, console, emit, ending, guarded
 from trigpoint.dashboard import page_url, replay_app, serve
 from trigpoint.errors import FileFormatError
 from trigpoint.io import ScenarioFile, load, save, write_atomically
 from trigpoint.observers.run import Run
-from trigpoint.papers import EXPERIMENTS, reproduce
 from trigpoint.report import render, run_page
 
 
@@ -36,31 +34,6 @@ def convert(
     else:
         console().print(f"written to {target}")
     return HOLDS
-
-
-@guarded
-def reproduce_command(
-    name: Annotated[str | None, typer.Argument(help="Experiment; none lists them.")] = None,
-    as_json: Json = False,
-) -> int:
-    """Compute a paper's experiment and print its published numbers beside ours. Exit code 1: some number differs."""
-    if name is None:
-        if as_json:
-            emit({"experiments": sorted(EXPERIMENTS)})
-        else:
-            console().print("\n".join(sorted(EXPERIMENTS)))
-        return HOLDS
-    result = reproduce(name)
-    if as_json:
-        emit({"name": result.name, "source": result.source, "cells": [vars(cell) for cell in result.cells]})
-    else:
-        table = Table("", "paper", "ours", "difference", "verdict", box=None, pad_edge=False)
-        for cell in result.cells:
-            table.add_row(cell.at, f"{cell.paper:.10g}", f"{cell.ours:.10g}", f"{cell.error:.1e}", cell.verdict)
-        screen = console()
-        screen.print(f"{result.source}\n{result.text}\n")
-        screen.print(table)
-    return HOLDS if result.agrees else FAILS
 
 
 @guarded

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
-
-import numpy as np
 
 from trigpoint.arrays import FloatArray
 
@@ -23,9 +21,10 @@ class Cell:
         ours: the computed number.
         error: ``ours - paper``; None without one.
         verdict: ``agrees`` to the printed digits, ``differs``, ``erratum`` where the printed one is known wrong, or
-            ``not specified`` where the paper does not say enough to compare. Where the paper prints no number, ``agrees``
-            and ``differs`` speak of what its statements give, which ``note`` then names.
+            ``not specified`` where the paper does not say enough to compare. Where the paper prints no number,
+            ``agrees`` and ``differs`` speak of what its statements give, which ``note`` then names.
         note: why, where that needs saying.
+        is_statement: the numbers are truth values, 1 for yes.
     """
 
     at: str
@@ -34,6 +33,7 @@ class Cell:
     error: float | None
     verdict: Agreement
     note: str = ""
+    is_statement: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +78,14 @@ class Reproduction:
     series: tuple[Series, ...] = field(default=(), compare=False)
     fields: tuple[Field, ...] = field(default=(), compare=False)
 
+    def count(self, verdict: Agreement) -> int:
+        """Number of cells with that ``verdict``."""
+        return sum(cell.verdict == verdict for cell in self.cells)
+
     @property
     def agrees(self) -> bool:
         """True when no cell differs without a known erratum."""
-        return all(cell.verdict != "differs" for cell in self.cells)
+        return self.count("differs") == 0
 
 
 def cell(at: str, paper: float, ours: float, half_unit: float, *, erratum: bool = False, note: str = "") -> Cell:
@@ -99,7 +103,7 @@ def unspecified(at: str, ours: float, note: str) -> Cell:
 
 def holds(at: str, claim: bool, note: str = "", *, erratum: bool = False) -> Cell:
     """A statement of the paper (1: it holds) beside what we found; ``erratum`` where it is known not to hold."""
-    return cell(at, 1.0, float(np.bool_(claim)), 0.0, note=note, erratum=erratum)
+    return replace(cell(at, 1.0, float(claim), 0.0, note=note, erratum=erratum), is_statement=True)
 
 
 def expected(at: str, value: float, ours: float, tolerance: float, note: str) -> Cell:

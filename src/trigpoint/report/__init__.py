@@ -4,7 +4,7 @@ Importing this package loads neither matplotlib nor jinja2; the first figure or 
 """
 
 from trigpoint.graphs.layout import node_positions
-from trigpoint.report.figures import error_figure, network_figure
+from trigpoint.report.figures import curves_figure, error_figure, network_figure, pictures_figure
 from trigpoint.report.page import Figure, Page, Section, Table, render
 from trigpoint.report.run_page import run_page
 
@@ -13,9 +13,11 @@ __all__ = [
     "Page",
     "Section",
     "Table",
+    "curves_figure",
     "error_figure",
     "network_figure",
     "node_positions",
+    "pictures_figure",
     "render",
     "run_page",
 ]

@@ -31,12 +31,14 @@ class Table:
         rows: tuples of C cells: text, numbers (six significant digits; more as text), truth values, None (a dash).
         caption: a line above the table.
         align: ``left`` or ``right`` a column; None: right where a column holds numbers only.
+        folded: shown when its caption is clicked; printed in any case.
     """
 
     columns: Sequence[str]
     rows: Sequence[Sequence[object]]
     caption: str = ""
     align: Sequence[str] | None = None
+    folded: bool = False
 
     def __post_init__(self) -> None:
         """Every row has one cell a column."""
@@ -45,6 +47,8 @@ class Table:
                 raise ShapeError(f"row {k} of the table has {len(row)} cells; the columns are {len(self.columns)}")
         if self.align is not None and len(self.align) != len(self.columns):
             raise ShapeError(f"align has {len(self.align)} entries; the columns are {len(self.columns)}")
+        if self.folded and not self.caption:
+            raise ArgumentError("a folded table needs a caption to click on")
         unknown = [text for text in self.align or () if text not in _ALIGNMENTS]
         if unknown:
             raise ArgumentError(f"align takes 'left' and 'right'; got {unknown[0]!r}")
