@@ -12,8 +12,8 @@ VERDICTS: tuple[Agreement, ...] = ("agrees", "erratum", "not specified", "differ
 _SIGNS: dict[Agreement, str] = {"agrees": "✓", "erratum": "⚠", "not specified": "·", "differs": "✗"}
 _LONG = 40
 _NOTHING = "\u2013"
-_COLUMNS = ("claim", "paper", "ours", "difference", "verdict", "remark")
-_ALIGN = ("left", "right", "right", "right", "left", "left")
+_COLUMNS = ("claim", "paper", "ours", "verdict", "remark")
+_ALIGN = ("left", "right", "right", "whole", "left")
 _MEANING = (
     "✓ agrees: our number is the paper's to its printed digits, or what its statements give where it prints none. "
     "⚠ erratum: the paper's number or statement is known to be wrong; ours stands beside it. "
@@ -47,8 +47,12 @@ def _summary(results: Sequence[Reproduction]) -> Section:
     rows = [
         (result.name, result.source, *(result.count(verdict) or None for verdict in VERDICTS)) for result in results
     ]
-    columns = ("experiment", "paper", *(f"{_SIGNS[verdict]} {verdict}" for verdict in VERDICTS))
-    return Section("Summary", _MEANING, (Table(columns, rows, align=("left", "left", *["right"] * 4)),))
+    columns = (
+        "experiment",
+        "paper",
+        *(f"{_SIGNS[verdict]} {verdict}" for verdict in VERDICTS),
+    )
+    return Section("Summary", _MEANING, (Table(columns, rows, align=("whole", "left", *["right"] * 4)),))
 
 
 def _section(result: Reproduction) -> Section:
@@ -73,6 +77,12 @@ def _section(result: Reproduction) -> Section:
 
 
 def _table(result: Reproduction) -> Table:
-    rows = [(cell.at, *shown(cell, 6), f"{_SIGNS[cell.verdict]} {cell.verdict}", cell.note) for cell in result.cells]
+    rows: list[tuple[object, ...]] = []
+    for cell in result.cells:
+        values = shown(cell, 6)[:2] if cell.is_statement else (cell.paper, cell.ours)
+        sign = f"{_SIGNS[cell.verdict]} {cell.verdict}"
+        rows.append((cell.at, *values, sign, cell.note))
     many = len(rows) > _LONG
-    return Table(_COLUMNS, rows, f"all {len(rows)} numbers" if many else "", _ALIGN, folded=many)
+    width = len(_COLUMNS) if any(cell.note for cell in result.cells) else len(_COLUMNS) - 1
+    caption = f"all {len(rows)} numbers" if many else ""
+    return Table(_COLUMNS[:width], [row[:width] for row in rows], caption, _ALIGN[:width], folded=many)

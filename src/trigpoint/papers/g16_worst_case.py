@@ -27,7 +27,7 @@ def run(nodes: int = 8, weight: float = 1.0) -> Reproduction:
     note = "E-000-11: right for large N only"
     cells.append(cell("sigma_max(Phi_8) by 4 N^2 / pi^2", simple, exact, 0.01 * exact, erratum=True, note=note))
     better = (2 * nodes + 1) ** 2 / np.pi**2 + 1.0 / 12.0
-    cells.append(expected("sigma_max(Phi_8)", better, exact, 1e-3, "(2 N + 1)^2 / pi^2 + 1/12"))
+    cells.append(expected("sigma_max(Phi_8) by (2 N + 1)^2 / pi^2 + 1/12", better, exact, 1e-3, "its value"))
     cells.append(unspecified("sigma_max(Phi_100)", tp.worst_case_gain(100), "not printed"))
     lines = {"sigma_max(Phi_N)": np.array(worst), "1/lambda_min of the chain": np.array(attained)}
     series = (Series("Worst-case gain", "number of nodes", "gain", np.array(sizes, dtype=float), lines, log_y=True),)

@@ -17,7 +17,7 @@ from trigpoint.report._text import cell
 if TYPE_CHECKING:
     from markupsafe import Markup
 
-_ALIGNMENTS = ("left", "right")
+_ALIGNMENTS = ("left", "right", "whole")
 _FORBIDDEN = ("script", "foreignObject", "iframe", "a")
 _TARGET = re.compile(r"url\(\s*[\"']?([^)]*)")
 
@@ -30,7 +30,8 @@ class Table:
         columns: C headings.
         rows: tuples of C cells: text, numbers (six significant digits; more as text), truth values, None (a dash).
         caption: a line above the table.
-        align: ``left`` or ``right`` a column; None: right where a column holds numbers only.
+        align: ``left``, ``right`` or ``whole`` (left, never broken over lines) a column; None: right where a column
+            holds numbers only, else left.
         folded: shown when its caption is clicked; printed in any case.
     """
 
@@ -51,11 +52,11 @@ class Table:
             raise ArgumentError("a folded table needs a caption to click on")
         unknown = [text for text in self.align or () if text not in _ALIGNMENTS]
         if unknown:
-            raise ArgumentError(f"align takes 'left' and 'right'; got {unknown[0]!r}")
+            raise ArgumentError(f"align takes 'left', 'right' and 'whole'; got {unknown[0]!r}")
 
     @property
     def alignments(self) -> tuple[str, ...]:
-        """``left`` or ``right`` for each column."""
+        """``left``, ``right`` or ``whole`` for each column."""
         if self.align is not None:
             return tuple(self.align)
         return tuple("right" if self._is_numeric(k) else "left" for k in range(len(self.columns)))
