@@ -257,31 +257,6 @@ def test_convert_writes_no_scenario(network: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["network.csv"]
 
 
-def test_reproduce_lists_and_computes(tmp_path: Path) -> None:
-    names = json_of(trigpoint("reproduce", "--json"))["experiments"]
-    assert trigpoint("reproduce").stdout.split() == names
-    for name in names:
-        result = trigpoint("reproduce", name, "--json")
-        facts = json_of(result)
-        assert result.exit_code == 0
-        assert facts["name"] == name
-        assert all(cell.keys() == {"at", "paper", "ours", "error", "verdict"} for cell in facts["cells"])
-    assert "erratum" in trigpoint("reproduce", "g16-riccati").stdout
-
-
-def test_reproduce_exits_with_1_when_a_number_differs(monkeypatch: pytest.MonkeyPatch) -> None:
-    from trigpoint.papers import g16_worst_case
-
-    monkeypatch.setattr(g16_worst_case, "PRINTED_8", 29.38)
-    result = trigpoint("reproduce", "g16-worst-case", "--json")
-    assert result.exit_code == 1
-    assert json_of(result)["cells"][0]["verdict"] == "differs"
-
-
-def test_reproduce_of_an_unknown_name_lists_the_known_ones() -> None:
-    refused(trigpoint("reproduce", "g16"), "'g16'", "g16-example1")
-
-
 def test_help_lists_every_command() -> None:
     result = trigpoint("--help")
     assert result.exit_code == 0

@@ -75,6 +75,13 @@ def test_time_to_takes_the_last_crossing() -> None:
     assert run.time_to(1.0) == 3.0, "at the level is not above it"
 
 
+def test_an_error_that_vanishes_has_a_time() -> None:
+    run = make([0, 1, 2], [1e3, 1e3, 0.0])
+    reached = run.time_to(10.0)
+    assert reached is not None
+    assert 1.0 < reached < 1.1
+
+
 def test_a_level_that_is_never_reached_has_no_time() -> None:
     run = make([0, 1, 2], [4.0, 2.0, 1.0])
     assert run.time_to(0.5) is None

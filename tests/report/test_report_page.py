@@ -126,12 +126,21 @@ def test_alignment_follows_the_cells():
     assert Table(("a",), (), align=("right",)).alignments == ("right",)
 
 
+def test_a_folded_table_shows_its_caption_once():
+    table = Table(("a",), (("x",),), "all of it", ("whole",), folded=True)
+    text = render(Page("t", "", (Section("s", "", (table,)),)))
+    assert "<summary>all of it</summary>" in text
+    assert "<caption>" not in text
+    assert 'class="whole"' in text
+
+
 @pytest.mark.parametrize(
     ("build", "error", "text"),
     [
         (lambda: Table(("a", "b"), ((1, 2), (1,))), ShapeError, "row 1 of the table has 1 cells"),
         (lambda: Table(("a",), (), align=("left", "left")), ShapeError, "align has 2 entries"),
         (lambda: Table(("a",), (), align=("middle",)), ArgumentError, "'middle'"),
+        (lambda: Table(("a",), (), folded=True), ArgumentError, "needs a caption"),
         (lambda: Figure("<!DOCTYPE svg><svg/>", ""), ArgumentError, "DOCTYPE"),
         (lambda: Figure("<svg>", ""), ArgumentError, "well-formed"),
         (lambda: Figure("<p/>", ""), ArgumentError, "must be an <svg>"),

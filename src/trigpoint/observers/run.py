@@ -97,7 +97,7 @@ class Run:
         if last + 1 == norm.shape[0]:
             return None
         before, after = norm[last], max(norm[last + 1], np.finfo(float).tiny)
-        share = np.log(before / level) / np.log(before / after) if level > 0 else 1.0
+        share = np.log(before / level) / (np.log(before) - np.log(after)) if level > 0 else 1.0
         return float(self.times[last] + share * (self.times[last + 1] - self.times[last]))
 
     def measured_decay_rate(self) -> float | None:
