@@ -37,7 +37,8 @@ def results_page(results: Sequence[Reproduction]) -> Page:
 def shown(cell: Cell, digits: int) -> tuple[str, str, str]:
     """Paper, ours and difference as text; statements as yes or no, a dash where there is nothing."""
     if cell.is_statement:
-        return "yes" if cell.paper else "no", "yes" if cell.ours else "no", _NOTHING
+        paper = _NOTHING if cell.paper is None else "yes" if cell.paper else "no"
+        return paper, "yes" if cell.ours else "no", _NOTHING
     paper = _NOTHING if cell.paper is None else f"{cell.paper:.{digits}g}"
     error = _NOTHING if cell.error is None else f"{cell.error:.1e}"
     return paper, f"{cell.ours:.{digits}g}", error

@@ -110,3 +110,8 @@ def expected(at: str, value: float, ours: float, tolerance: float, note: str) ->
     """A number that the paper does not print, against what its statements give (``value``), within ``tolerance``."""
     verdict: Agreement = "agrees" if abs(ours - value) <= tolerance else "differs"
     return Cell(at, None, float(ours), None, verdict, f"{note}: {value:.6g}")
+
+
+def found(at: str, claim: bool, note: str) -> Cell:
+    """A statement that is ours and not the paper's: why it must hold stands in ``note``."""
+    return Cell(at, None, float(claim), None, "agrees" if claim else "differs", note, is_statement=True)

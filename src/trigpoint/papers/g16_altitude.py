@@ -6,7 +6,7 @@ import numpy as np
 
 import trigpoint as tp
 from trigpoint.arrays import FloatArray
-from trigpoint.papers.base import Field, Reproduction, Series, cell, expected, holds, unspecified
+from trigpoint.papers.base import Field, Reproduction, Series, cell, expected, found, holds, unspecified
 
 FRAMES = (0.0, 0.01, 0.07, 0.48, 2.0)
 _DRAWN = 4000
@@ -44,11 +44,10 @@ def run(gain: float = 5.0, seed: int = 2, rows: int = 4) -> Reproduction:
         expected("largest difference of the run from its modes", 0.0, gap, 1e-9, "exact solution"),
         unspecified("smallest eigenvalue", values[0], "not printed"),
         unspecified("what is left of the slowest mode after 2 s", np.exp(-2.0 * gain * values[0]), "not printed"),
-        holds(
-            "converged after 2 s (1 % of the first error)",
-            bool(shares(values, vectors, gain, seed)[-1] < 0.01),
-            "the last frame still misses the common altitude: its mode needs 5.6 s for a factor of e",
-            erratum=True,
+        found(
+            "not converged after 2 s (more than 1 % left)",
+            bool(shares(values, vectors, gain, seed)[-1] > 0.01),
+            f"the common altitude needs {1.0 / (gain * values[0]):.2g} s for a factor of e",
         ),
     ]
     for frame, place, mean in zip(FRAMES, places, shares(values, vectors, gain, seed), strict=True):

@@ -13,7 +13,7 @@ from trigpoint.papers import g16_riccati
 from trigpoint.papers.base import Cell, Reproduction, Series, cell, expected, holds, unspecified
 from trigpoint.simulation import Bouncing, Topology, proximity
 
-_FREE = "square, speeds and anchors' reach are not printed"
+_FREE = "square, speeds, anchors' reach are ours"
 _STUDY = (1.0, 1.5, 2.0, 2.5, 3.0)
 _DRAWS = 3
 

@@ -6,7 +6,7 @@ import numpy as np
 
 import trigpoint as tp
 from trigpoint.arrays import FloatArray
-from trigpoint.papers.base import Cell, Reproduction, cell, expected, holds
+from trigpoint.papers.base import Cell, Reproduction, cell, expected, found, holds
 
 
 def observability_rank(A: FloatArray, C: FloatArray) -> int:
@@ -30,7 +30,7 @@ def run(largest: int = 8, rate: float = 2.0) -> Reproduction:
         graph, anchored = _cycle(n, ()), _cycle(n, (n - 1,))
         cells.append(cell(f"rank of the cycle matrix, n = {n}", n - 1, np.linalg.matrix_rank(C), 0.0))
         same = np.allclose(C.T @ C, graph.laplacian().toarray())
-        cells.append(holds(f"C'C is the Laplacian of the cycle, n = {n}", same, "E-001-12: up to orientation"))
+        cells.append(found(f"C'C is the Laplacian of the cycle, n = {n}", same, "E-001-12: up to orientation"))
         rank = np.linalg.matrix_rank(anchored.incidence().toarray())
         cells.append(cell(f"rank of the anchored cycle matrix, n = {n}", n, rank, 0.0))
     cells += _examples(rate)

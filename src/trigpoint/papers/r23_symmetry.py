@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
 
 import trigpoint as tp
 from trigpoint.arrays import FloatArray
-from trigpoint.papers.base import Cell, Reproduction, cell, expected, unspecified
+from trigpoint.papers.base import Cell, Reproduction, cell, found, unspecified
 
 _ZERO = 1e-9
 
@@ -68,8 +69,9 @@ def run(largest: int = 6, anchor: int = 1) -> Reproduction:
 
 
 def _verdict(at: str, graph: tp.MeasurementGraph, node: int, *, expected_observable: bool) -> Cell:
-    found = tp.diagnose(tp.AgreementDynamics(graph, [node])).observable
-    return cell(at, float(expected_observable), float(found is True), 0.0)
+    observable = tp.diagnose(tp.AgreementDynamics(graph, [node])).observable is True
+    one = cell(at, float(expected_observable), float(observable), 0.0)
+    return replace(one, is_statement=True)
 
 
 def _census(largest: int) -> list[Cell]:
@@ -80,8 +82,8 @@ def _census(largest: int) -> list[Cell]:
         cells.append(cell(f"n = {n}: symmetric and observable", 0.0, against, 0.0, note="Theorem 21"))
         cells.append(unspecified(f"n = {n}: unobservable", unobservable, "census"))
         cells.append(unspecified(f"n = {n}: symmetric", symmetric, "census"))
-        note = "E-001-9: the converse of Theorem 21 fails"
-        cells.append(cell(f"n = {n}: unobservable without symmetry", 0.0, without, 0.0, erratum=True, note=note))
+        note = "the converse of Theorem 21 fails (E-001-9)" if without else "the converse of Theorem 21 holds here"
+        cells.append(unspecified(f"n = {n}: unobservable without symmetry", without, note))
     return cells
 
 
@@ -91,6 +93,6 @@ def _counterexample() -> list[Cell]:
     diagnosis = tp.diagnose(tp.AgreementDynamics(graph, [0]))
     adjacency = np.diag(graph.laplacian().diagonal()) - graph.laplacian().toarray()
     return [
-        expected("path of 6, second node: observable", 0, float(diagnosis.observable is True), 0.0, "a zero entry"),
-        expected("path of 6, second node: symmetric", 0, is_symmetric(adjacency, 0), 0.0, "no permutation"),
+        found("path of 6, second node: unobservable", diagnosis.observable is False, "an eigenvector vanishes there"),
+        found("path of 6, second node: without symmetry", not is_symmetric(adjacency, 0), "its ends are 1 and 4 away"),
     ]

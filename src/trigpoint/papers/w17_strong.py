@@ -8,7 +8,7 @@ import trigpoint as tp
 from trigpoint.analysis import check_prop1
 from trigpoint.arrays import FloatArray
 from trigpoint.papers import plants
-from trigpoint.papers.base import Cell, Reproduction, Series, cell, expected, holds, unspecified
+from trigpoint.papers.base import Cell, Reproduction, Series, cell, expected, found, holds, unspecified
 from trigpoint.papers.r23_cycles import observability_rank
 
 EIGENVALUES = (-4.146, -1.0, -1.0, -0.7333 + 0.8410j, -0.7333 - 0.8410j, -0.3875)
@@ -42,7 +42,8 @@ def run(scale: float = 1.0, rate: float = 1.0, seed: int = 0) -> Reproduction:
         expected("residual of the design equations (5), (8)", 0.0, _residual(static), 1e-8, "W17 (5), (8)"),
     ]
     coupled = tp.design(problem, tp.methods.CouplingGain(rate))
-    cells.append(holds("one coupling gain reaches the rate, too", (coupled.spectral_abscissa or 0.0) <= -rate + 1e-9))
+    reached = (coupled.spectral_abscissa or 0.0) <= -rate + 1e-9
+    cells.append(found("one coupling gain reaches the rate, too", reached, "theory 4b-B1"))
     cells.append(unspecified("that gain", float(coupled.facts["gain"]), "theory 4b-B1"))
     cells += _literal(seed)
     times = np.linspace(0.0, 12.0 / rate, 201)
@@ -74,8 +75,8 @@ def _plant(problem: tp.SharedPlant) -> list[Cell]:
         cells.append(cell(f"observability rank, agent {agent + 1}", printed, rank, 0.0, note=_PLANT))
     joint = observability_rank(problem.A, problem.stacked_output())
     cells.append(cell("observability rank, all together", 6, joint, 0.0, note=_PLANT))
-    for agent, (entry, found) in enumerate(zip(LEFT, plants.left_vector(plants.HAN_HEARS), strict=True)):
-        cells.append(cell(f"left null vector of the Laplacian, entry {agent + 1}", entry, found, 1e-9, note=_PLANT))
+    for agent, (entry, own) in enumerate(zip(LEFT, plants.left_vector(plants.HAN_HEARS), strict=True)):
+        cells.append(cell(f"left null vector of the Laplacian, entry {agent + 1}", entry, own, 1e-9, note=_PLANT))
     cells.append(holds("every agent can know the whole state", tp.diagnose(problem).observable is True))
     return cells
 
