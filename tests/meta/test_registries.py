@@ -75,7 +75,17 @@ def test_the_commands_are_the_documented_ones() -> None:
 
 
 def test_every_experiment_is_documented() -> None:
-    text = (ROOT / "docs" / "reference" / "cli.md").read_text(encoding="utf-8")
+    """By its name and by every option of it."""
+    text = (ROOT / "docs" / "reference" / "experiments.md").read_text(encoding="utf-8")
+    rows = {
+        row.split("|")[1].strip(): row for row in text.partition("## Outcome")[0].splitlines() if row.startswith("|")
+    }
     experiments = importlib.import_module("trigpoint.papers").EXPERIMENTS
-    missing = [name for name in experiments if f"`{name}`" not in text]
-    assert not missing, listing(missing)
+    failures = [name for name in experiments if f"`{name}`" not in rows]
+    failures += [
+        f"{name}: {option}"
+        for name, run in experiments.items()
+        for option in inspect.signature(run).parameters
+        if f"`{option}`" not in rows.get(f"`{name}`", "")
+    ]
+    assert not failures, listing(failures)

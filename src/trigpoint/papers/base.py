@@ -38,7 +38,16 @@ class Cell:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Curves to draw: ``lines`` over ``x``, with a logarithmic vertical axis where ``log_y``."""
+    """Curves to draw under a ``title``.
+
+    Attributes:
+        title: what they show.
+        x_label: what ``x`` is, with its unit.
+        y_label: what the values are.
+        x: (K,) ascending places.
+        lines: name and (K,) values of each curve; NaN leaves a gap.
+        log_y: logarithmic vertical axis.
+    """
 
     title: str
     x_label: str
@@ -50,7 +59,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """A picture: one grey value for each entry of ``values`` (rows, columns), black at ``low``, white at ``high``."""
+    """A picture under a ``title``: a grey value for each of ``values`` (rows, columns), ``low`` black, ``high`` white."""
 
     title: str
     values: FloatArray
