@@ -144,3 +144,14 @@ def test_the_experiment_takes_the_users_picture(tmp_path: Path) -> None:
     np.testing.assert_allclose(result.fields[0].values, 20.0, atol=1e-9)
     assert at(result, "agents") == 144
     assert not result.agrees  # another size than the paper's
+
+
+def test_a_picture_without_slow_mode_has_no_predicted_time(tmp_path: Path) -> None:
+    level = np.random.default_rng(0).uniform(0.0, 255.0, (70, 128))  # the seed of the first estimates: no error at all
+    noise = np.random.default_rng(1).uniform(-60.0, 60.0, level.shape)
+    image = written(tmp_path, "npy", np.clip(level + noise - noise.mean(), 0.0, 255.0))
+    result = reproduce("r23-image", image=image)
+    entry = next(one for one in result.cells if one.at == "time to 1 %, measured, s")
+    assert entry.verdict == "not specified"
+    assert 0.0 < entry.ours < 15.0
+    assert result.agrees

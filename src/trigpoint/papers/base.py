@@ -59,7 +59,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """A picture under a ``title``: a grey value for each of ``values`` (rows, columns), ``low`` black, ``high`` white."""
+    """A picture under a ``title``: grey ``values`` (rows, columns), ``low`` is black and ``high`` white."""
 
     title: str
     values: FloatArray

@@ -38,12 +38,11 @@ def run(
     truth = picture.ravel()
     first = np.random.default_rng(seed).uniform(0.0, WHITE, n) - truth
     share = abs(float(slow.vector @ first)) / float(np.linalg.norm(slow.vector) * np.linalg.norm(first))
-    predicted = max(np.log(100.0 * share) / slow.value, 0.0)
     times = np.unique(np.concatenate([FRAMES, np.geomspace(1e-3, 220.0, 60), np.linspace(1.0, 220.0, 60)]))
     run_ = tp.simulate(problem, observer, tp.Scenario(times, first, truth))
     constant = tp.simulate(problem, observer, tp.Scenario([0.0, *np.linspace(140.0, 180.0, 21)], 100.0, truth))
     cells = _facts(n, gain, slow, graph)
-    cells += _times(run_, constant, slow, share, predicted)
+    cells += _times(run_, constant, slow, share, gain)
     shares = run_.error_norm / run_.error_norm[0]
     for frame in FRAMES[1:]:
         cells.append(unspecified(f"error left at {frame:g} s", shares[int(np.searchsorted(times, frame))], _PICTURE))
@@ -80,7 +79,8 @@ def _facts(n: int, gain: float, slow: tp.EigenvalueBound, graph: tp.MeasurementG
     ]
 
 
-def _times(run_: tp.Run, constant: tp.Run, slow: tp.EigenvalueBound, share: float, predicted: float) -> list[Cell]:
+def _times(run_: tp.Run, constant: tp.Run, slow: tp.EigenvalueBound, share: float, gain: float) -> list[Cell]:
+    predicted = float(np.log(100.0 * share)) / slow.value if share > 0.0 else 0.0
     reached = run_.time_to(0.01 * float(run_.error_norm[0])) or np.nan
     of_constant = constant.time_to(0.01 * float(constant.error_norm[0])) or np.nan
     n = run_.truth.shape[1]
@@ -88,7 +88,7 @@ def _times(run_: tp.Run, constant: tp.Run, slow: tp.EigenvalueBound, share: floa
     bound = float(np.log(100.0)) / slow.value
     return [
         unspecified("share of the slow mode in the first error", share, _PICTURE),
-        expected("time to 1 %, measured, s", predicted, reached, 0.01 * predicted, "predicted, within 1 %"),
+        _measured(predicted, reached, n, gain),
         expected("time to 1 % that no start exceeds, s", CONSTANT_ERROR, bound, 0.05, "ln(100)/lambda_1"),
         expected(
             "time to 1 % of a constant error, measured, s",
@@ -109,3 +109,12 @@ def _times(run_: tp.Run, constant: tp.Run, slow: tp.EigenvalueBound, share: floa
             "error estimate of the run, share", float(run_.attributes.get("error_estimate", 0.0)), "modal path"
         ),
     ]
+
+
+def _measured(predicted: float, reached: float, n: int, gain: float) -> Cell:
+    """The prediction is for pictures whose slow mode is what is left at 1 %; a mean grey of 127 hides it."""
+    settled = 15.0 * (GAIN / gain) * n / (SIZE[0] * SIZE[1])
+    at = "time to 1 %, measured, s"
+    if predicted < settled:
+        return unspecified(at, reached, "the slow mode's share is too small to decide it")
+    return expected(at, predicted, reached, 0.01 * predicted, "predicted, within 1 %")
