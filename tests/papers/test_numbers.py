@@ -125,7 +125,7 @@ def test_the_closed_form_of_table_1_is_the_mean_of_the_drawn_statistic() -> None
 def test_table_1_in_full() -> None:
     result = reproduce("g16-table1")
     assert result.agrees
-    assert len(result.cells) == 3 + 3 * 60
+    assert len(result.cells) == 4 + 3 * 60
     assert at(result, "entries within three standard errors") == 58
     assert at(result, "entries within two standard errors") >= 55
     misprints = {"N = 80, p = 60", "N = 70, p = 100"}
