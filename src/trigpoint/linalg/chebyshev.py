@@ -42,22 +42,23 @@ class Series:
 
 
 def series(function: Function, ceiling: float, tolerance: float, limit: int) -> Series | None:
-    """The shortest series of ``function`` on ``[0, ceiling]`` with a tail below ``tolerance``; None above ``limit``.
+    """The shortest series of ``function`` on ``[0, ceiling]`` with a tail below ``tolerance`` (or rounding); None above ``limit``.
 
     Samples at ``d + 1`` Chebyshev points with d doubled until the upper half of the coefficients is below the
     tolerance. Cost: 2 limit evaluations at most. Source: Trefethen 2013, key Trefethen2013.
     """
     degree = _FIRST
     while degree <= 2 * limit:
-        angles = np.pi * np.arange(degree + 1) / degree
-        values = function(0.5 * ceiling * (1.0 + np.cos(angles)))
+        # The square of a sine: points near 0, where functions are steep, keep their relative accuracy.
+        values = function(ceiling * np.sin(0.5 * np.pi * np.arange(degree, -1, -1) / degree) ** 2)
         coefficients = scipy.fft.dct(values, type=1, axis=0) / degree
         coefficients[[0, -1]] *= 0.5
         sizes = np.linalg.norm(coefficients, axis=(1, 2))
         tails = np.append(np.cumsum(sizes[::-1])[::-1][1:], 0.0)
-        if tails[degree // 2] < tolerance:
-            last = int(np.argmax(tails < tolerance))
-            floor = np.finfo(float).eps * (degree + 1.0) * float(sizes.max())
+        floor = np.finfo(float).eps * (degree + 1.0) * float(sizes.max())
+        goal = max(tolerance, floor)
+        if tails[degree // 2] < goal:
+            last = int(np.argmax(tails < goal))
             return None if last > limit else Series(coefficients[: last + 1], float(tails[last]) + floor)
         degree *= 2
     return None
