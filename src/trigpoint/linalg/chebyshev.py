@@ -42,9 +42,10 @@ class Series:
 
 
 def series(function: Function, ceiling: float, tolerance: float, limit: int) -> Series | None:
-    """The shortest series of ``function`` on ``[0, ceiling]`` with a tail below ``tolerance`` (or rounding); None above ``limit``.
+    """The shortest series of ``function`` on ``[0, ceiling]`` with a tail below ``tolerance`` (or rounding).
 
-    Samples at ``d + 1`` Chebyshev points with d doubled until the upper half of the coefficients is below the
+    None where its degree would be above ``limit``. Samples at ``d + 1`` Chebyshev points with d doubled until the upper
+    half of the coefficients is below the
     tolerance. Cost: 2 limit evaluations at most. Source: Trefethen 2013, key Trefethen2013.
     """
     degree = _FIRST

@@ -1,6 +1,17 @@
-"""Figures as SVG text, ready to stand in a page: the network, and the error over time."""
+"""Figures as SVG text, ready to stand in a page, and moving pictures as files."""
 
+from trigpoint.report._animation import ANIMATIONS, animation
 from trigpoint.report._error import error_figure
 from trigpoint.report._network import network_figure
+from trigpoint.report._run import connectivity_figure, trajectory_figure
+from trigpoint.report._scene import Scene
 
-__all__ = ["error_figure", "network_figure"]
+__all__ = [
+    "ANIMATIONS",
+    "Scene",
+    "animation",
+    "connectivity_figure",
+    "error_figure",
+    "network_figure",
+    "trajectory_figure",
+]

@@ -117,7 +117,7 @@ class EventRun:
             if times[position] < due - slack:
                 if not self._world.is_map:  # a map says nothing about the time between two exchanges
                     self._move(times[position])
-                yield Tick(number, ((position, 0.0),))
+                yield Tick(number, ((position, 0.0),), self._now / (times[-1] or 1.0))
                 position += 1
                 continue
             acting = []
@@ -131,7 +131,7 @@ class EventRun:
             while position < len(times) and times[position] <= due + slack:
                 outputs.append((position, 0.0))
                 position += 1
-            yield Tick(number, tuple(outputs))
+            yield Tick(number, tuple(outputs), min(due / (times[-1] or 1.0), 1.0))
             self._exchange(acting, due)
             for node in acting:
                 heapq.heappush(self._agenda, (max(next(node.acts), due + 1e-3 * self._period), node.index))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy.linalg as la
@@ -120,9 +121,8 @@ def _large(problem: _Functions, tolerance: float) -> tuple[list[FloatArray], Eng
     indices = range(problem.times.shape[0])
     several: dict[int, chebyshev.Series] = {}
     for k in indices:
-        found = chebyshev.series(
-            lambda values, k=k: problem.at(values, k), ceiling, 0.5 * tolerance, SHORT if fits else LONG
-        )  # fmt: skip
+        function = partial(problem.at, index=k)
+        found = chebyshev.series(function, ceiling, 0.5 * tolerance, SHORT if fits else LONG)
         if found is None:
             break
         several[k] = found

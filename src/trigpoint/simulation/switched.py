@@ -175,7 +175,7 @@ def _jump(scenario: Scenario, before: float, now: float) -> FloatArray | float:
 def _surprise(
     observer: DiffusiveObserver, modes: _Modes, scenario: Scenario, before: float, now: float
 ) -> FloatArray | float:
-    """``int e^{H (now - s)} (x'(s) - A x(s)) ds`` of an unknown motion on a straight line from ``before`` to ``now``."""
+    """``int e^{H (now - s)} (x'(s) - A x(s)) ds`` of an unknown motion on a straight line, all since ``before``."""
     motion = scenario.motion
     if not isinstance(motion, Trajectory) or motion.known:
         return 0.0
