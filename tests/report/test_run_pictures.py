@@ -112,15 +112,15 @@ def test_an_mp4_goes_through_ffmpeg(moving, monkeypatch, tmp_path):
     fake = tmp_path / "ffmpeg"
     fake.write_text('#!/bin/sh\nfor last; do :; done\nprintf "%s\\n" "$*" > "$last"\nwc -c >> "$last"\n')
     fake.chmod(0o755)
-    monkeypatch.setattr(shutil, "which", lambda name: str(fake))
+    monkeypatch.setattr(shutil, "which", lambda _: str(fake))
     words, count = animation(moving, GRAPH, "mp4", frames=2).decode().splitlines()
     width, height = (int(number) for number in re.search(r"-s (\d+)x(\d+)", words).groups())
     assert width % 2 == height % 2 == 0
     assert int(count) == 2 * 3 * width * height
     fake.write_text("#!/bin/sh\ncat > /dev/null\necho no codec >&2\nexit 1\n")
-    with pytest.raises(ArgumentError, match="ffmpeg could not write the .mp4: no codec"):
+    with pytest.raises(ArgumentError, match=r"ffmpeg could not write the \.mp4: no codec"):
         animation(moving, GRAPH, "mp4", frames=1)
-    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(shutil, "which", lambda _: None)
     with pytest.raises(ArgumentError, match=r"needs the program ffmpeg.*write a \.gif"):
         animation(moving, GRAPH, "mp4", frames=1)
 
