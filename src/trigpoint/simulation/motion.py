@@ -152,9 +152,9 @@ def proximity(motion: Bouncing, pairs: ArrayLike, radius: float, until: float, a
 
 
 def within_reach(motion: Bouncing, graph: MeasurementGraph, radius: float, until: float) -> Topology:
-    """The ``graph`` under a ``motion``: internal arcs work within ``radius``, external ones always; up to ``until`` [s].
+    """The ``graph`` under a ``motion``: internal arcs work within ``radius``, external ones always.
 
-    Source: G16, Section 5.3; see ``proximity``.
+    The topology covers the time up to ``until`` [s]. Source: G16, Section 5.3; see ``proximity``.
     """
     if motion.position.shape[0] != graph.n_nodes:
         raise ShapeError(f"the motion has {motion.position.shape[0]} agents; the graph has {graph.n_nodes} nodes")

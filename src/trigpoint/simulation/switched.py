@@ -48,18 +48,22 @@ def continuous(
     whole = np.ones(observer.graph.n_arcs, dtype=bool)
     step = _Step(observer, scenario)
     truths, estimates = [], []
-    for time, is_output in _instants(scenario):
-        if time > now:
-            active = whole if topology is None else topology.at(now)
-            modes = _modes(observer, active, cache)
-            x, error = step.go(modes, x, error - _jump(scenario, now, time), time - now, rng)
-            error = error - _surprise(observer, modes, scenario, now, time)
-            x = _truth_at(plant, scenario, truth, x, time)
-            error = _returned(scenario, x, error, now, time)
-            now = time
-        if is_output:
-            truths.append(x)
-            estimates.append(_hidden(scenario, x + error, time))
+    try:
+        for time, is_output in _instants(scenario):
+            if time > now:
+                modes = _modes(observer, whole if topology is None else topology.at(now), cache)
+                x, error = step.go(modes, x, error - _jump(scenario, now, time), time - now, rng)
+                error = error - _surprise(observer, modes, scenario, now, time)
+                x = _truth_at(plant, scenario, truth, x, time)
+                error = _returned(scenario, x, error, now, time)
+                now = time
+            if is_output:
+                truths.append(x)
+                estimates.append(_hidden(scenario, x + error, time))
+    except KeyboardInterrupt:
+        if not estimates:
+            raise
+        truths = truths[: len(estimates)]
     table = np.stack(estimates)
     return np.stack(truths), table, np.zeros(table.shape[:2], dtype=np.int64)
 
