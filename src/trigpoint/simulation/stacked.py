@@ -95,7 +95,10 @@ def sampled(
     estimate: FloatArray,
     progress: Progress,
 ) -> Series:
-    """Exchange every ``period``: neighbours' values and readings are held in between (theory 6-F2). Ctrl-C keeps what there is."""
+    """Exchange every ``period``: neighbours' values and readings are held in between (theory 6-F2).
+
+    Ctrl-C keeps what there is.
+    """
     period = scenario.period or 0.0
     disturbances = Disturbances.of(plant.problem, scenario)
     correct, maps = _innovation(observer), _Maps(observer, plant)
