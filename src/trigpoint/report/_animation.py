@@ -113,7 +113,7 @@ def animation(
         )
     program = _ffmpeg() if kind == "mp4" else ""
     shown = np.unique(np.linspace(0, run.times.size - 1, min(frames, run.times.size)).round().astype(int))
-    pictures = _pictures(run, graph, scene or Scene(), shown.tolist(), printable(title))
+    pictures = _pictures(run, graph, scene or Scene(), shown.tolist(), "" if kind == "html" else printable(title))
     if kind == "gif":
         return _gif(pictures, rate)
     if kind == "mp4":
