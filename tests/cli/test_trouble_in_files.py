@@ -75,6 +75,30 @@ def test_motion_from_a_file_and_bouncing(tmp_path) -> None:
     file.write_text(plane + "motion = {side = 2.0, seed = 4}\n", encoding="utf-8")
     assert run("simulate", file, "--out", tmp_path / "run.npz").exit_code == 0
     truth = tp.load(tmp_path / "run.npz").truth
+    near = file.read_text(encoding="utf-8") + "topology = {radius = 1.5}\n"
+    file.write_text(near, encoding="utf-8")
+    assert run("simulate", file, "--out", tmp_path / "near.npz").exit_code == 0
+    switched = tp.load(tmp_path / "near.npz")
+    assert switched.lambda_min.min() < switched.lambda_min.max() + 1e-12
+    np.testing.assert_array_equal(switched.truth, truth)
+    moving = ("--network", file, "--animate", tmp_path / "near.gif", "--frames", 3, "--json")
+    shown = run("report", tmp_path / "near.npz", *moving)
+    assert json.loads(shown.stdout) == {
+        "report": str(tmp_path / "near.html"),
+        "animation": str(tmp_path / "near.gif"),
+    }
+    assert (tmp_path / "near.gif").read_bytes()[:6] == b"GIF89a"
+    assert "Connectivity" in (tmp_path / "near.html").read_text(encoding="utf-8")
+    for options, words in (
+        (("--animate", tmp_path / "x.gif"), "--animate needs the run's network"),
+        (("--animate", tmp_path / "x.avi", "--network", file), "ending in .gif or .html or .mp4"),
+        (("--animate", tmp_path / "near.html", "--network", file), "name one of them otherwise"),
+    ):
+        refused = run("report", tmp_path / "near.npz", *options)
+        assert refused.exit_code == 2
+        assert words in refused.stderr
+    file.write_text(near.replace("motion = {side = 2.0, seed = 4}\n", ""), encoding="utf-8")
+    assert "belongs to bouncing agents" in run("simulate", file).stderr
     assert (truth[:, :, :2] >= 0).all()
     assert (truth[:, :, :2] <= 2.0).all()
 
@@ -120,4 +144,19 @@ def test_a_topology_needs_arcs_and_an_end(tmp_path) -> None:
     file.write_text(
         NETWORK.replace("horizon = 2.0\nsamples = 11\n", "topology = {dwell = 1.0, arrival = 0.5}\n"), encoding="utf-8"
     )
-    assert "a random topology needs a horizon or times" in run("simulate", file).stderr
+    assert "a random topology, or one by radius, needs a horizon or times" in run("simulate", file).stderr
+
+
+def test_progress_on_a_terminal_changes_no_number(monkeypatch, tmp_path) -> None:
+    """A run computes while it is gone through: the bar must take nothing before it is due."""
+    from trigpoint.cli.shell import tracked
+
+    problem = tp.NetworkedAgents(tp.graphs.chain(3), tp.LinearAgent.static())
+    observer = tp.design(problem, tp.methods.LocalKalman())
+    scenario = tp.Scenario([0.0, 0.5, 1.0], period=0.1, channel=tp.Channel(loss=0.2))
+    plain = tp.simulate(problem, observer, scenario)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    barred = tp.simulate(problem, observer, scenario, progress=tracked("simulating"))
+    assert plain.error_norm[0] > barred.error_norm[-1]
+    np.testing.assert_array_equal(plain.estimate, barred.estimate)
+    assert list(tracked("counting")(range(3))) == [0, 1, 2]

@@ -10,10 +10,11 @@ import pytest
 import scipy.linalg as la
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 import trigpoint as tp
-from trigpoint.errors import ArgumentError
-from trigpoint.simulation import Bouncing, Trajectory, proximity
+from trigpoint.errors import ArgumentError, ShapeError
+from trigpoint.simulation import Bouncing, Trajectory, proximity, within_reach
 
 
 def reflected(x: Fraction, v: Fraction, time: Fraction, side: Fraction) -> tuple[Fraction, Fraction]:
@@ -112,7 +113,45 @@ def test_reflections_that_nobody_announces_disturb_by_the_jump_of_the_velocity()
             error = error - np.concatenate([np.zeros((3, 2)), jump], axis=1).ravel()
 
 
+def test_a_table_that_nobody_announces_disturbs_through_the_closed_loop() -> None:
+    """``e' = H e - (x' - A x)`` piece by piece, against an integrator."""
+    agent = tp.LinearAgent([[0.0, 1.0], [-1.0, 0.0]], [[1.0, 0.0]])
+    problem = tp.NetworkedAgents(tp.graphs.cycle(3, anchors=(0,)), agent)
+    observer = tp.design(problem, tp.methods.LocalKalman())
+    table = np.random.default_rng(2).normal(size=(4, 3, 2))
+    motion = Trajectory([0.0, 0.7, 1.1, 2.0], table, known=False)
+    times = np.array([0.0, 0.5, 0.9, 1.5, 2.0, 2.6])
+    run = tp.simulate(problem, observer, tp.Scenario(times, 0.3, motion=motion))
+    H, A = observer.error_matrix().toarray(), np.kron(np.eye(3), agent.A)
+    error, now, k = np.full(6, 0.3), 0.0, 1
+    for time in sorted({*motion.times.tolist()[1:], *times.tolist()[1:]}):
+        speed = (motion.at(time) - motion.at(now)).ravel() / (time - now)
+
+        def slope(t, e, now=now, speed=speed):
+            return H @ e - (speed - A @ (motion.at(now).ravel() + (t - now) * speed))
+
+        error = solve_ivp(slope, (now, time), error, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        now = time
+        if k < 6 and time == times[k]:
+            np.testing.assert_allclose(run.error[k].ravel(), error, atol=1e-9)
+            k += 1
+    assert k == 6
+
+
 def test_nonsense_radii_are_refused() -> None:
     motion = Bouncing.drawn(2, 1.0, (0.5, 1.0), np.random.default_rng(0))
     with pytest.raises(ArgumentError, match="radius and until must be positive"):
         proximity(motion, [(0, 1)], -1.0, 1.0)
+    with pytest.raises(ShapeError, match="the motion has 2 agents; the graph has 3 nodes"):
+        within_reach(motion, tp.graphs.chain(3), 1.0, 1.0)
+
+
+def test_anchors_stay_and_arcs_come_and_go() -> None:
+    motion, graph = Bouncing.drawn(4, 2.0, (0.5, 1.0), np.random.default_rng(1)), tp.graphs.cycle(4, anchors=(0, 2))
+    topology = within_reach(motion, graph, 1.0, 6.0)
+    assert topology.active[:, graph.is_external].all()
+    inner = ~graph.is_external
+    for time in (0.5, 2.2, 5.7):
+        place = motion.positions(time)
+        gaps = np.linalg.norm(place[graph.tail[inner]] - place[graph.head[inner]], axis=1)
+        assert np.array_equal(topology.at(time)[inner], gaps <= 1.0)

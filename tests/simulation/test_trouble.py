@@ -26,6 +26,7 @@ from trigpoint.simulation import (
     Trajectory,
     Trigger,
     simulate,
+    switched,
 )
 from trigpoint.simulation.documents import scenario_document, scenario_from_document
 from trigpoint.simulation.wire import HEAD_BYTES
@@ -281,6 +282,66 @@ def test_an_interrupted_run_keeps_what_was_computed(path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         simulate(GRID, OBSERVER, scenario, progress=never)
+
+
+@pytest.mark.parametrize("options", [{"path": "stacked"}, {"path": "reference"}, {"gossip": True}])
+def test_plain_runs_and_gossip_keep_what_was_computed_too(options) -> None:
+    def stop(ticks):
+        for tick in ticks:
+            if tick.number == 12:
+                raise KeyboardInterrupt
+            yield tick
+
+    def never(ticks):
+        raise KeyboardInterrupt
+
+    scenario = Scenario(np.linspace(0.0, 3.0, 31), 1.0, period=0.1, **options)
+    partial = simulate(STATIC, STATIC_OBSERVER, scenario, progress=stop)
+    all_of_it = simulate(STATIC, STATIC_OBSERVER, scenario)
+    assert partial.attributes["interrupted"] is True
+    assert partial.times.shape[0] == 12
+    assert np.array_equal(partial.estimate, all_of_it.estimate[:12])
+    with pytest.raises(KeyboardInterrupt):
+        simulate(STATIC, STATIC_OBSERVER, scenario, progress=never)
+
+
+def test_a_changing_continuous_run_keeps_what_was_computed(monkeypatch) -> None:
+    """The interrupt comes in the middle of an interval."""
+    scenario = Scenario(np.linspace(0.0, 3.0, 31), 1.0, noise=Noise(0.1), seed=1)
+    all_of_it, calls = run_of(scenario), []
+
+    def stopping(*arguments):
+        calls.append(0)
+        if len(calls) == 12:
+            raise KeyboardInterrupt
+        return modes(*arguments)
+
+    modes = switched._modes
+    monkeypatch.setattr(switched, "_modes", stopping)
+    partial = run_of(scenario)
+    assert partial.attributes["interrupted"] is True
+    assert np.array_equal(partial.estimate, all_of_it.estimate[:12])
+    calls[:] = [0] * 11
+    with pytest.raises(KeyboardInterrupt):
+        run_of(Scenario([1.0], noise=Noise(0.1)))
+
+
+def run_of(scenario):
+    return simulate(GRID, OBSERVER, scenario)
+
+
+def test_values_beyond_the_span_are_clipped_and_bits_are_counted() -> None:
+    channel = Channel(quantum=0.25, span=1.0)
+    assert channel.bits_per_value == np.ceil(np.log2(9.0))
+    assert Channel(quantum=0.25).bits_per_value == 64.0
+    # Errors of 5: the neighbours hear 1, as the stacked path and the reference path agree.
+    runs = [
+        run([0.1], 5.0, problem=STATIC, observer=STATIC_OBSERVER, period=0.1, channel=channel, path=path)
+        for path in ("stacked", "reference")
+    ]
+    np.testing.assert_allclose(runs[0].estimate, runs[1].estimate, atol=1e-14)
+    free = run([0.1], 5.0, problem=STATIC, observer=STATIC_OBSERVER, period=0.1)
+    assert (free.estimate[0, 1:] - runs[0].estimate[0, 1:] > 0.1).all()
 
 
 def test_a_series_that_was_not_recorded_says_so() -> None:

@@ -11,7 +11,8 @@ from trigpoint.cli.check import check
 from trigpoint.cli.demo import demo
 from trigpoint.cli.designing import certify_command, design_command, verify_command
 from trigpoint.cli.estimating import estimate_command
-from trigpoint.cli.others import convert, report, watch
+from trigpoint.cli.others import convert, watch
+from trigpoint.cli.reporting import report
 from trigpoint.cli.reproducing import reproduce_command
 from trigpoint.cli.simulating import simulate_command
 

@@ -1,4 +1,4 @@
-"""``trigpoint convert``, ``report`` and ``watch``."""
+"""``trigpoint convert`` and ``watch``."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ from typing import Annotated
 
 import typer
 
-from trigpoint.cli.compose import estimating, kind_of, read
-from trigpoint.cli.shell import HOLDS, Json, Out, console, emit, ending, guarded
+from trigpoint.cli.reporting import graph_of, run_of
+from trigpoint.cli.shell import HOLDS, Json, console, emit, guarded
 from trigpoint.dashboard import page_url, replay_app, serve
 from trigpoint.errors import FileFormatError
-from trigpoint.io import ScenarioFile, load, save, write_atomically
-from trigpoint.observers.run import Run
-from trigpoint.report import render, run_page
+from trigpoint.io import ScenarioFile, load, save
 
 
 @guarded
@@ -37,23 +35,6 @@ def convert(
 
 
 @guarded
-def report(
-    file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz).")],
-    out: Out = None,
-    as_json: Json = False,
-) -> int:
-    """Write the report of a recorded run: one HTML file, beside the run unless --out names another place."""
-    ending(out, ".html")
-    run = _run(file)
-    target = file.with_suffix(".html") if out is None else out
-    rate = run.attributes.get("guaranteed_rate")
-    page = run_page(run, title=f"Run {file.name}", rate=rate if isinstance(rate, float) and rate > 0 else None)
-    write_atomically(target, render(page))
-    if as_json:
-        emit({"report": str(target)})
-    else:
-        console().print(f"written to {target}")
-    return HOLDS
 
 
 @guarded
@@ -64,21 +45,10 @@ def watch(
     as_json: Json = False,
 ) -> int:
     """Replay a recorded run in the browser, from this machine only. Ends with Ctrl-C."""
-    run = _run(file)
-    given = read(network)
-    candidates = (given.graph, estimating(given, "unit").graph)
-    graph = next((g for g in candidates if g is not None and g.names == run.names), None)
-    if graph is None:
-        raise FileFormatError(network, "is not the network of this run: the node names differ")
+    run = run_of(file)
+    graph = graph_of(network, run)
     app = replay_app(run, graph)
     if as_json:
         emit({"address": page_url(app, port)})
     serve(app, port)
     return HOLDS
-
-
-def _run(path: Path) -> Run:
-    run = load(path)
-    if not isinstance(run, Run):
-        raise FileFormatError(path, f"holds {kind_of(run)}; expected a recorded run (.npz written by simulate)")
-    return run

@@ -8,14 +8,14 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec
 
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from trigpoint.errors import ArgumentError, TrigpointError
 
@@ -115,18 +115,23 @@ class _Screen(Console):
 
 
 def tracked(title: str) -> Callable[[Iterable[Any]], Iterable[Any]]:
-    """A progress bar on standard error around a sequence; nothing when that is not a terminal."""
+    """A progress bar on standard error around a sequence; nothing when that is not a terminal.
+
+    Nothing is taken from the sequence before it is due: a run computes while it is gone through. Its length is known
+    from ``len``, or from the ``share`` of the whole that each item names.
+    """
 
     def wrap(items: Iterable[Any]) -> Iterator[Any]:
         if not sys.stderr.isatty():
             yield from items
             return
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
         with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-            known = list(items)
-            task = progress.add_task(title, total=len(known))
-            for item in known:
+            count = len(items) if isinstance(items, Sized) else None
+            task = progress.add_task(title, total=1.0)
+            for number, item in enumerate(items, start=1):
                 yield item
-                progress.advance(task)
+                share = number / count if count else getattr(item, "share", 0.0)
+                progress.update(task, completed=share)
 
     return wrap

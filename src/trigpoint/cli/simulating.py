@@ -115,6 +115,7 @@ def scenario_of(
         measurements=measurements,
         seed=section.seed,
         path=section.path,
+        tolerance=section.tolerance,
     )
 
 

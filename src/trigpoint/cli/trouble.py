@@ -23,6 +23,7 @@ from trigpoint.simulation import (
     Topology,
     Trajectory,
     Trigger,
+    within_reach,
 )
 
 
@@ -48,14 +49,15 @@ def trouble_of(
         for one in section.absences
     ]
     trigger = section.trigger
+    motion = _motion(section.motion, path, len(names), states) if section.motion else None
     return {
         "channel": channel,
         "clocks": None if clocks is None else Clocks(**clocks.model_dump()),
-        "topology": _topology(section.topology, graph, section) if section.topology else None,
+        "topology": _topology(section.topology, graph, section, motion) if section.topology else None,
         "absences": absences,
         "trigger": None if trigger is None else Trigger(trigger.size, trigger.rate),
         "gossip": section.gossip,
-        "motion": _motion(section.motion, path, len(names), states) if section.motion else None,
+        "motion": motion,
     }
 
 
@@ -79,14 +81,25 @@ def _channel(section: ChannelSection, position: dict[str, int]) -> Channel:
     return Channel(**plain, bursts=bursts, outages=tuple(outages), axes=tuple(section.axes))
 
 
-def _topology(section: TopologySection, graph: MeasurementGraph | None, whole: SimulateSection) -> Topology:
+def _topology(
+    section: TopologySection,
+    graph: MeasurementGraph | None,
+    whole: SimulateSection,
+    motion: Trajectory | Bouncing | None,
+) -> Topology:
     if graph is None:
         raise ArgumentError("a topology switches a network's arcs; a shared plant has none: use outages of links")
     if section.changes:
         return Topology.schedule(graph, [(one.time, one.arcs) for one in section.changes])
     instants = whole.instants
-    if instants is None or section.dwell is None or section.arrival is None:
-        raise ArgumentError("a random topology needs a horizon or times")
+    if instants is None:
+        raise ArgumentError("a random topology, or one by radius, needs a horizon or times")
+    if section.radius is not None:
+        if not isinstance(motion, Bouncing):
+            raise ArgumentError("a topology by radius belongs to bouncing agents: add motion = {side = ...}")
+        return within_reach(motion, graph, section.radius, float(instants[-1]))
+    assert section.dwell is not None  # the section's own check
+    assert section.arrival is not None
     return Topology.random(graph.n_arcs, section.dwell, section.arrival, float(instants[-1]), section.seed)
 
 

@@ -56,6 +56,8 @@ def _place_component(adjacency: sp.csr_array) -> FloatArray:
         return np.column_stack([np.arange(n, dtype=np.float64), np.zeros(n)])
     places = _unit_arcs(_pivot_scaling(_pivot_distances(adjacency)), adjacency)
     if n <= _REFINED:
+        if np.unique(places.round(6), axis=0).shape[0] < n:  # the refinement divides by distances
+            places = places + 0.01 * np.column_stack([np.cos(np.arange(n)), np.sin(np.arange(n))])
         start = {k: tuple(places[k]) for k in range(n)}
         refined = nx.kamada_kawai_layout(nx.from_scipy_sparse_array(adjacency), pos=start)
         places = _unit_arcs(_upright(np.array([refined[k] for k in range(n)])), adjacency)

@@ -141,7 +141,7 @@ class SimulateSection(Section):
     ``times`` (s), or ``samples`` instants up to ``horizon`` (s); exchange ``period`` (s), None is continuous;
     ``initial_error`` and ``initial_state``, a number or a list; ``noise``; ``loss``, the fraction of messages lost;
     ``channel``, ``clocks``, ``topology``, ``absences``, ``trigger``, ``motion``, ``gossip``: what goes wrong;
-    ``seed``; ``path`` of the computation.
+    ``seed``; ``path`` of the computation, and its ``tolerance`` on large networks.
     """
 
     times: Annotated[Any, BeforeValidator(_instants)] | None = None
@@ -161,6 +161,7 @@ class SimulateSection(Section):
     gossip: bool = False
     seed: Annotated[int, Field(ge=0)] = 0
     path: Literal["auto", "stacked", "modal", "reference"] = "auto"
+    tolerance: Annotated[float, Field(ge=1e-14, lt=1)] = 1e-8
 
     @model_validator(mode="after")
     def _one_way_to_say_when(self) -> SimulateSection:

@@ -59,17 +59,22 @@ class ChangeSection(Section):
 
 
 class TopologySection(Section):
-    """``topology``: random (``dwell`` seconds, ``arrival`` probability of an arc, ``seed``), or listed ``changes``."""
+    """``topology``: random (``dwell`` seconds, ``arrival`` probability of an arc, ``seed``), or listed ``changes``.
+
+    Or ``radius``: the arcs of bouncing agents work while their ends are at most so far apart.
+    """
 
     dwell: PositiveNumber | None = None
     arrival: Chance | None = None
     seed: Annotated[int, Field(ge=0)] = 0
     changes: list[ChangeSection] = Field(default_factory=list)
+    radius: PositiveNumber | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> TopologySection:
-        if bool(self.changes) == (self.dwell is not None) or (self.dwell is None) != (self.arrival is None):
-            raise ValueError("expected either dwell and arrival, or changes")
+        kinds = bool(self.changes) + (self.dwell is not None) + (self.radius is not None)
+        if kinds != 1 or (self.dwell is None) != (self.arrival is None):
+            raise ValueError("expected either dwell and arrival, or changes, or a radius")
         return self
 
 

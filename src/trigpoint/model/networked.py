@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -54,7 +55,7 @@ class NetworkedAgents:
         object.__setattr__(self, "graph", graph)
         object.__setattr__(self, "agents", each)
 
-    @property
+    @cached_property
     def is_homogeneous(self) -> bool:
         """True when all agents have the same A, C and E (G16, Assumption 1); known inputs B may differ."""
         return all(_is_same(agent, self.agents[0]) for agent in self.agents)
@@ -62,7 +63,7 @@ class NetworkedAgents:
     @property
     def agent(self) -> LinearAgent:
         """The one agent of a homogeneous network; an error names the first node that differs."""
-        for node, other in enumerate(self.agents):
+        for node, other in enumerate(() if self.is_homogeneous else self.agents):
             if not _is_same(other, self.agents[0]):
                 raise ArgumentError(
                     f"the agents differ: node {self.graph.names[node]!r} has another A, C or E than "

@@ -124,6 +124,10 @@ class LocalObserver:
         labels = [arc.label for arc in self.arcs if arc.label is not None]
         return tuple(dict.fromkeys([*labels, *(label for label, _ in self.feedthrough)]))
 
+    @cached_property
+    def _labels(self) -> tuple[int, ...]:
+        return tuple(dict.fromkeys(arc.label for arc in self.arcs if arc.label is not None))
+
     def init(self, estimate: FloatArray | None = None, time: float = 0.0) -> LocalState:
         """First state, from a guess (n,) or from zero."""
         start = np.zeros(self.n_states) if estimate is None else np.asarray(estimate, dtype=np.float64)
@@ -132,10 +136,7 @@ class LocalObserver:
         return LocalState(time, 0, frozen(start))
 
     def estimate(self, state: LocalState, readings: Mapping[int, FloatArray] | None = None) -> FloatArray:
-        """The node's estimate (q,): ``readout z``, plus what ``feedthrough`` takes from ``readings``.
-
-        NaN where a reading that it needs is missing.
-        """
+        """The node's estimate (q,): ``readout z``, plus ``feedthrough`` of ``readings``; NaN where one is missing."""
         value = state.estimate if self.readout is None else self.readout @ state.estimate
         for label, matrix in self.feedthrough:
             reading = None if readings is None else readings.get(label)
@@ -154,7 +155,11 @@ class LocalObserver:
         u: FloatArray | None = None,
     ) -> FloatArray:
         """``z'`` (n,) for continuous exchange, from what the node hears and reads now."""
-        correction, _ = self._correction(state.estimate, inbox, readings)
+        parts = self._parts(state.estimate, inbox, readings)
+        if parts is not None:
+            correction: FloatArray = self._stacked(tuple(len(part) for part in parts)) @ np.concatenate(parts)
+        else:
+            correction, _ = self._some_correction(state.estimate, inbox, readings)
         return self.A @ state.estimate + self._drive(u) + correction
 
     def step(
@@ -169,18 +174,20 @@ class LocalObserver:
 
         ``held``, the default: neighbours' values and readings are held, and the own value is integrated exactly,
         ``z+ = e^{A h} z + int e^{A s} ds B u + Phi sum_k gain_k r_k`` with the innovations r_k at the start and
-        ``Phi = int_0^h exp((A - sum gain C) s) ds``, so that the own correction is felt at once. For static states
-        this is stable for every period. ``innovation-held`` has ``Phi = int e^{A s} ds``, ``euler`` and ``discrete``
-        the maps that their names say.
+        ``Phi = int_0^h exp((A - sum gain C) s) ds``: stable for every period where the states are static.
+        ``innovation-held`` has ``Phi = int e^{A s} ds``, ``euler`` and ``discrete`` the maps that their names say.
 
-        We assume:
-            * ``inbox`` holds each neighbour's latest message; messages of strangers are ignored.
-
+        We assume: ``inbox`` holds each neighbour's latest message; messages of strangers are ignored.
         Source: theory 6-F2 (neighbour-held sampling), extended to moving agents; 6-F1, 6-F7.
         """
-        correction, heard = self._correction(state.estimate, inbox, readings)
-        transition, drive, phi = self._maps(heard, float(duration))
-        value = transition @ state.estimate + phi @ correction
+        parts = self._parts(state.estimate, inbox, readings)
+        if parts is None:
+            correction, heard = self._some_correction(state.estimate, inbox, readings)
+            transition, drive, phi = self._maps(heard, float(duration))
+            value = transition @ state.estimate + phi @ correction
+        else:
+            whole, drive = self._whole_map(duration, tuple([part.shape[0] for part in parts]))
+            value = whole @ np.concatenate(parts)
         if u is not None:
             value = value + drive @ self._drive(u)
         if self.acceleration is not None:
@@ -197,42 +204,43 @@ class LocalObserver:
             )
         return self.B @ u
 
-    def _correction(
+    def _parts(
+        self, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
+    ) -> list[FloatArray] | None:
+        """Own value, messages and readings, where nothing is missing; else None."""
+        try:
+            parts = [own, *[inbox[name].estimate for name in self.hears]]
+            return parts + [readings[label] for label in self._labels]
+        except KeyError:
+            return None
+
+    def _some_correction(
         self, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
     ) -> tuple[FloatArray, tuple[int, ...]]:
-        if all(name in inbox for name in self.hears) and all(label in readings for label in self._labels):
-            return self._whole_correction(own, inbox, readings), self._everybody
-        total = np.zeros(self.n_states)
-        heard = []
+        """The sum over the arcs for which everything is there, and their positions."""
+        total, heard = np.zeros(self.n_states), []
         for position, arc in enumerate(self.arcs):
             innovation = _innovation(arc, own, inbox, readings)
-            if innovation is None:
-                continue
-            total += arc.gain @ innovation
-            heard.append(position)
+            if innovation is not None:
+                total += arc.gain @ innovation
+                heard.append(position)
         return total, tuple(heard)
 
-    @cached_property
-    def _everybody(self) -> tuple[int, ...]:
-        return tuple(range(len(self.arcs)))
-
-    @cached_property
-    def _labels(self) -> tuple[int, ...]:
-        return tuple(dict.fromkeys(arc.label for arc in self.arcs if arc.label is not None))
-
-    def _whole_correction(
-        self, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
-    ) -> FloatArray:
-        """The sum over all arcs as one product: nothing is missing."""
-        parts = [own, *(inbox[name].estimate for name in self.hears), *(readings[label] for label in self._labels)]
-        sizes = tuple(part.shape[0] for part in parts)
-        if sizes not in self._memo:
-            self._memo[sizes] = self._stacked(sizes)
-        correction: FloatArray = self._memo[sizes] @ np.concatenate(parts)
-        return correction
+    def _whole_map(self, duration: float, sizes: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+        """One step as one product on own value, messages and readings: nothing is missing."""
+        known = self._memo.get(duration)
+        if known is None or known[2] != sizes:
+            transition, drive, phi = self.maps(duration)
+            whole = phi @ self._stacked(sizes)  # a new array
+            whole[:, : self.n_states] += transition
+            known = self._memo[duration] = (whole, drive, sizes)
+        return known[0], known[1]
 
     def _stacked(self, sizes: tuple[int, ...]) -> FloatArray:
         """(n, sum of sizes): the correction's dependence on the own value, the messages and the readings."""
+        if sizes in self._memo:
+            known: FloatArray = self._memo[sizes]
+            return known
         starts = np.concatenate([[0], np.cumsum(sizes)])
         places = {key: slice(starts[k + 1], starts[k + 2]) for k, key in enumerate((*self.hears, *self._labels))}
         total = np.zeros((self.n_states, int(starts[-1])))
@@ -242,6 +250,7 @@ class LocalObserver:
                 total[:, places[name]] += arc.gain @ rows
             if arc.label is not None:
                 total[:, places[arc.label]] += arc.sign * arc.gain
+        self._memo[sizes] = total
         return total
 
     def _maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:

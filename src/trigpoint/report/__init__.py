@@ -4,15 +4,29 @@ Importing this package loads neither matplotlib nor jinja2; the first figure or 
 """
 
 from trigpoint.graphs.layout import node_positions
-from trigpoint.report.figures import curves_figure, error_figure, network_figure, pictures_figure
+from trigpoint.report.figures import (
+    ANIMATIONS,
+    Scene,
+    animation,
+    connectivity_figure,
+    curves_figure,
+    error_figure,
+    network_figure,
+    pictures_figure,
+    trajectory_figure,
+)
 from trigpoint.report.page import Figure, Page, Section, Table, render
 from trigpoint.report.run_page import run_page
 
 __all__ = [
+    "ANIMATIONS",
     "Figure",
     "Page",
+    "Scene",
     "Section",
     "Table",
+    "animation",
+    "connectivity_figure",
     "curves_figure",
     "error_figure",
     "network_figure",
@@ -20,4 +34,5 @@ __all__ = [
     "pictures_figure",
     "render",
     "run_page",
+    "trajectory_figure",
 ]

@@ -6,7 +6,8 @@ import hashlib
 import io
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
@@ -57,22 +58,28 @@ def draw(size: tuple[float, float], label: str, paint: Callable[[Figure], None])
     The style is in force only meanwhile, whatever the user's own matplotlib settings are. Text stays text (it can be
     selected, searched and read aloud), so a glyph that matplotlib's own font lacks is left to the reader's fonts.
     """
+    with styled(label) as new_figure:
+        buffer, figure = io.StringIO(), new_figure(figsize=size, layout="constrained")
+        paint(figure)
+        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        figure.savefig(buffer, format="svg", metadata=nothing, facecolor="white", dpi=200)
+    return _embeddable(buffer.getvalue(), label)
+
+
+@contextmanager
+def styled(label: str = "") -> Iterator[type[Figure]]:
+    """matplotlib's ``Figure`` with our style in force meanwhile; ``label`` salts what is drawn as SVG."""
     try:
         import matplotlib
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingExtraError("matplotlib", "report", "drawing a figure") from error
-    buffer = io.StringIO()
     with matplotlib.rc_context(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         matplotlib.rcdefaults()
         salt = hashlib.sha256(label.encode("utf-8", "replace")).hexdigest()
         matplotlib.rcParams.update({**_STYLE, "svg.hashsalt": salt})
-        figure = Figure(figsize=size, layout="constrained")
-        paint(figure)
-        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        figure.savefig(buffer, format="svg", metadata=nothing, facecolor="white", dpi=200)
-    return _embeddable(buffer.getvalue(), label)
+        yield Figure
 
 
 def _embeddable(svg: str, label: str) -> str:

@@ -1,7 +1,20 @@
-"""Figures as SVG text, ready to stand in a page: networks, errors over time, curves, grey pictures."""
+"""Figures as SVG text, ready to stand in a page, and moving pictures as files."""
 
+from trigpoint.report._animation import ANIMATIONS, animation
 from trigpoint.report._curves import curves_figure, pictures_figure
 from trigpoint.report._error import error_figure
 from trigpoint.report._network import network_figure
+from trigpoint.report._run import connectivity_figure, trajectory_figure
+from trigpoint.report._scene import Scene
 
-__all__ = ["curves_figure", "error_figure", "network_figure", "pictures_figure"]
+__all__ = [
+    "ANIMATIONS",
+    "Scene",
+    "animation",
+    "connectivity_figure",
+    "curves_figure",
+    "error_figure",
+    "network_figure",
+    "pictures_figure",
+    "trajectory_figure",
+]

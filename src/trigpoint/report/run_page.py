@@ -11,13 +11,14 @@ from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.report._text import number, shortened
-from trigpoint.report.figures import error_figure, network_figure
+from trigpoint.report.figures import connectivity_figure, error_figure, network_figure, trajectory_figure
 from trigpoint.report.page import Figure, Page, Section, Table
 
 if TYPE_CHECKING:
     from trigpoint.observers.run import Run
 
 _ROWS = 200
+_PATHS = 24
 
 
 def run_page(
@@ -30,6 +31,8 @@ def run_page(
     unit: str = "",
 ) -> Page:
     """Describe a recorded run: summary, error over time, the network (where given) and every node's final error.
+
+    Where the topology changed also how well it was connected, where few nodes moved in a plane also their paths.
 
     Args:
         run: what ``simulate`` or a live run recorded; at least one sample.
@@ -58,6 +61,11 @@ def run_page(
         Section("Summary", items=(_summary(run, final, rate, unit),)),
         _error_section(run, rate, unit),
     ]
+    if run.lambda_min is not None:
+        sections.append(_connectivity_section(run))
+    if _moves(run):
+        caption = "Lines: where the nodes were, from open to full circles; dotted: where they believed to be."
+        sections.append(Section("Paths", items=(Figure(trajectory_figure(run, unit=unit), caption),)))
     if graph is not None:
         sections.append(_network_section(graph, positions, final, unit))
     sections.append(_nodes_section(run, final, unit))
@@ -130,6 +138,22 @@ def _error_section(run: Run, rate: float | None, unit: str) -> Section:
         caption += f" {_count(missing, 'sample')} with a node without an estimate left out."
     svg = error_figure(times, norm, rate=rate, unit=unit, marks=marks)
     return Section("Error over time", items=(Figure(svg, caption),))
+
+
+def _connectivity_section(run: Run) -> Section:
+    """``1 / lambda_min`` of the topology at work, beside the gain in force."""
+    assert run.lambda_min is not None  # asked before
+    gain = run.attributes.get("gain")
+    known = float(gain) if isinstance(gain, (int, float)) and gain > 0.0 else None
+    svg = connectivity_figure(run.times, run.lambda_min, known)
+    caption = "The gain that the topology needs; shaded where some node has no path to an anchor."
+    return Section("Connectivity", items=(Figure(svg, caption),))
+
+
+def _moves(run: Run) -> bool:
+    """True where a map of paths says something: few nodes, at least four states, a truth that moves."""
+    few = len(run.names) <= _PATHS and run.truth.shape[2] >= 4 and run.times.size > 1
+    return bool(few and np.ptp(run.truth[:, :, :2], axis=0).max() > 0.0)
 
 
 def _network_section(graph: MeasurementGraph, positions: ArrayLike | None, final: FloatArray, unit: str) -> Section:

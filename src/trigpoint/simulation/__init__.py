@@ -2,9 +2,11 @@
 
 from trigpoint.simulation.channel import Bursts, Channel, Outage, Trigger
 from trigpoint.simulation.clocks import Clocks
-from trigpoint.simulation.ensemble import Ensemble, ensemble
-from trigpoint.simulation.motion import Bouncing, Trajectory, proximity
+from trigpoint.simulation.ensemble import Ensemble, ensemble, ensembles
+from trigpoint.simulation.families import FamilyRun, simulate_family
+from trigpoint.simulation.motion import Bouncing, Trajectory, proximity, within_reach
 from trigpoint.simulation.scenario import Noise, Scenario
+from trigpoint.simulation.stationary import Stationary, stationary_covariance
 from trigpoint.simulation.topology import Absence, Topology
 from trigpoint.simulation.verb import simulate
 
@@ -15,13 +17,19 @@ __all__ = [
     "Channel",
     "Clocks",
     "Ensemble",
+    "FamilyRun",
     "Noise",
     "Outage",
     "Scenario",
+    "Stationary",
     "Topology",
     "Trajectory",
     "Trigger",
     "ensemble",
+    "ensembles",
     "proximity",
     "simulate",
+    "simulate_family",
+    "stationary_covariance",
+    "within_reach",
 ]

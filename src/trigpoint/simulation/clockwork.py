@@ -12,10 +12,17 @@ _SNAP = 1e-9
 
 @dataclass(frozen=True)
 class Tick:
-    """One exchange: its number, and the outputs (index, time after the exchange) before the next one."""
+    """One exchange: its number, and the outputs (index, time after the exchange) before the next one.
+
+    Attributes:
+        number: 0, 1, 2, ...
+        outputs: (index, time after the exchange) of each.
+        share: of the horizon that has been gone through, for a progress bar.
+    """
 
     number: int
     outputs: tuple[tuple[int, float], ...]
+    share: float = 0.0
 
 
 def ticks(times: FloatArray, period: float) -> Iterator[Tick]:
@@ -31,4 +38,4 @@ def ticks(times: FloatArray, period: float) -> Iterator[Tick]:
         while position < len(places) and places[position][0] == number:
             outputs.append(places[position][1:])
             position += 1
-        yield Tick(number, tuple(outputs))
+        yield Tick(number, tuple(outputs), number / (places[-1][0] or 1))

@@ -115,8 +115,9 @@ class EventRun:
             due = self._agenda[0][0]
             slack = _SNAP * self._period
             if times[position] < due - slack:
-                self._move(times[position])
-                yield Tick(number, ((position, 0.0),))
+                if not self._world.is_map:  # a map says nothing about the time between two exchanges
+                    self._move(times[position])
+                yield Tick(number, ((position, 0.0),), self._now / (times[-1] or 1.0))
                 position += 1
                 continue
             acting = []
@@ -130,7 +131,7 @@ class EventRun:
             while position < len(times) and times[position] <= due + slack:
                 outputs.append((position, 0.0))
                 position += 1
-            yield Tick(number, tuple(outputs))
+            yield Tick(number, tuple(outputs), min(due / (times[-1] or 1.0), 1.0))
             self._exchange(acting, due)
             for node in acting:
                 heapq.heappush(self._agenda, (max(next(node.acts), due + 1e-3 * self._period), node.index))
@@ -141,6 +142,8 @@ class EventRun:
         duration = time - self._now
         if duration <= 0.0:
             return
+        if abs(duration - self._period) <= _SNAP * self._period:
+            duration = self._period  # equal steps of a time axis differ in their last digits only
         drawn = None
         if self._scenario.motion is not None:
             self._truth = self._scenario.motion.at(time).ravel()
@@ -195,12 +198,16 @@ class EventRun:
                 heard[message.sender] = message
         deviation = self._noise[0]
         noise = deviation * self._rng.standard_normal(self._world.channels.C.shape[0]) if deviation else None
-        readings = self._world.read(self._truth, noise)
+        wanted = {
+            node.index: [label for label in node.program.reads if active is None or active[label]]
+            for node in acting
+            if not node.away
+        }
+        readings = self._world.read(self._truth, noise, {label for labels in wanted.values() for label in labels})
         for node in acting:
             if node.away:
                 continue
-            labels = [label for label in node.program.reads if active is None or active[label]]
-            node.readings = {label: readings[label] for label in labels}
+            node.readings = {label: readings[label] for label in wanted[node.index]}
             node.inbox = self._inbox(node, time)
 
     def _place(self) -> FloatArray:
@@ -236,7 +243,7 @@ class EventRun:
                     if active is None or arc.label is None or active[arc.label]:
                         found.update((names[name], k) for name, _ in arc.heard)
             self._opened = (key, found)
-        away = {node.index for node in self._nodes if node.away}
+        away = {node.index for node in self._nodes if node.away} if self._scenario.absences else None
         return {link for link in self._opened[1] if not away.intersection(link)} if away else self._opened[1]
 
     def _inbox(self, node: _Node, time: float) -> dict[str, Message]:

@@ -153,7 +153,7 @@ def sampled(observer: AssembledObserver, world: World, scenario: Scenario, how: 
             raise
     kept = len(estimates)
     return Recorded(
-        np.stack(truths[:kept]), np.stack(estimates), _traffic(observer, scenario, counts[:kept], how.period)
+        np.stack(truths[:kept]), np.stack(estimates), traffic_of(observer, scenario, counts[:kept], how.period)
     )  # fmt: skip
 
 
@@ -168,7 +168,7 @@ def _later(
     return moved, np.concatenate(world.shown(moved - free)) if scenario.motion.known else 0.0
 
 
-def _traffic(
+def traffic_of(
     observer: AssembledObserver, scenario: Scenario, counts: list[tuple[int, float]], period: float
 ) -> Traffic:  # fmt: skip
     """Nobody loses anything: numbers follow from the exchanges before each output, and from the delay."""

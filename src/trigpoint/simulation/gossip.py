@@ -10,7 +10,7 @@ from trigpoint.observers.network import DiffusiveObserver
 from trigpoint.simulation.clockwork import ticks
 from trigpoint.simulation.plant import Plant
 from trigpoint.simulation.scenario import Scenario
-from trigpoint.simulation.stacked import Progress, Series
+from trigpoint.simulation.stacked import Progress, Series, whole
 
 
 def run(
@@ -39,21 +39,25 @@ def run(
     estimate, messages = estimate.copy(), np.zeros(graph.n_nodes, dtype=np.int64)
     readings = plant.read(truth)
     truths, estimates, counts = [], [], []
-    for tick in progress(ticks(scenario.times, scenario.period or 1.0)):
-        for _, late in tick.outputs:
-            if late == 0.0:
-                truths.append(truth)
-                estimates.append(estimate.copy())
-                counts.append(messages.copy())
-        arc = int(np.searchsorted(chance, rng.random(), side="right"))
-        ends, signs = G.indices[G.indptr[arc] : G.indptr[arc + 1]], G.data[G.indptr[arc] : G.indptr[arc + 1]]
-        reading = readings[arc] + (deviation * rng.standard_normal(readings.shape[1]) if deviation else 0.0)
-        estimate[ends] += signs[:, None] * (reading - signs @ estimate[ends]) / squares[arc]
-        if ends.shape[0] == 2:
-            messages[ends] += 1
-        for _, late in tick.outputs:
-            if late > 0.0:
-                truths.append(truth)
-                estimates.append(estimate.copy())
-                counts.append(messages.copy())
-    return np.stack(truths), np.stack(estimates), np.stack(counts)
+    try:
+        for tick in progress(ticks(scenario.times, scenario.period or 1.0)):
+            for _, late in tick.outputs:
+                if late == 0.0:
+                    truths.append(truth)
+                    estimates.append(estimate.copy())
+                    counts.append(messages.copy())
+            arc = int(np.searchsorted(chance, rng.random(), side="right"))
+            ends, signs = G.indices[G.indptr[arc] : G.indptr[arc + 1]], G.data[G.indptr[arc] : G.indptr[arc + 1]]
+            reading = readings[arc] + (deviation * rng.standard_normal(readings.shape[1]) if deviation else 0.0)
+            estimate[ends] += signs[:, None] * (reading - signs @ estimate[ends]) / squares[arc]
+            if ends.shape[0] == 2:
+                messages[ends] += 1
+            for _, late in tick.outputs:
+                if late > 0.0:
+                    truths.append(truth)
+                    estimates.append(estimate.copy())
+                    counts.append(messages.copy())
+    except KeyboardInterrupt:
+        if not counts:
+            raise
+    return whole(truths, estimates, counts)

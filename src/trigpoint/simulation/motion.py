@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from trigpoint.arrays import BoolArray, FloatArray, IntArray, as_floats
 from trigpoint.errors import ArgumentError, ShapeError
+from trigpoint.graphs import MeasurementGraph
 from trigpoint.simulation.topology import Topology
 
 
@@ -148,6 +149,20 @@ def proximity(motion: Bouncing, pairs: ArrayLike, radius: float, until: float, a
     kept = np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])
     active = np.concatenate([rows[kept], np.ones((int(kept.sum()), always), dtype=bool)], axis=1)
     return Topology(times[kept], active)
+
+
+def within_reach(motion: Bouncing, graph: MeasurementGraph, radius: float, until: float) -> Topology:
+    """The ``graph`` under a ``motion``: internal arcs work within ``radius``, external ones always.
+
+    The topology covers the time up to ``until`` [s]. Source: G16, Section 5.3; see ``proximity``.
+    """
+    if motion.position.shape[0] != graph.n_nodes:
+        raise ShapeError(f"the motion has {motion.position.shape[0]} agents; the graph has {graph.n_nodes} nodes")
+    inner = np.flatnonzero(~graph.is_external)
+    near = proximity(motion, np.stack([graph.tail[inner], graph.head[inner]], axis=1), radius, until)
+    active = np.ones((near.times.shape[0], graph.n_arcs), dtype=bool)
+    active[:, inner] = near.active
+    return Topology(near.times, active)
 
 
 def _crossings(motion: Bouncing, ends: IntArray, radius: float, left: float, right: float) -> list[float]:

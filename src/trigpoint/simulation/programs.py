@@ -9,6 +9,7 @@ from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError
 from trigpoint.observers.assembled import AssembledObserver
 from trigpoint.observers.local import LocalState
+from trigpoint.simulation import lockstep
 from trigpoint.simulation.events import EventRun
 from trigpoint.simulation.exchanges import Recorded, Sampling, Start, Traffic, estimates_of, sampled
 from trigpoint.simulation.scenario import Scenario
@@ -33,6 +34,8 @@ def run(observer: AssembledObserver, scenario: Scenario, path: str, progress: Pr
         return Recorded(truth, estimate, Traffic(messages))
     if path == "stacked":
         return sampled(observer, world, scenario, Sampling(period, progress), start)
+    if lockstep.is_plain(scenario):
+        return lockstep.run(observer, world, scenario, Sampling(period, progress), start)
     return EventRun(observer, world, scenario, period, start).record(progress)
 
 

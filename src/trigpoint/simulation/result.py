@@ -16,6 +16,7 @@ from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 from trigpoint.observers.run import Run
 from trigpoint.simulation.documents import scenario_document
 from trigpoint.simulation.exchanges import Recorded
+from trigpoint.simulation.modal import Engines
 from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.topology import is_away, with_absences
 
@@ -28,7 +29,7 @@ def recorded(
     scenario: Scenario,
     path: str,
     done: Recorded,
-    gap: float | None = None,
+    engines: Engines | None = None,
 ) -> Run:
     """Name everything, and say for each time who is anchored and how well the topology is connected.
 
@@ -36,14 +37,14 @@ def recorded(
         problem, observer, scenario: what ran.
         path: which engine.
         done: what it computed; fewer times than asked for where it was interrupted.
-        gap: its error estimate, or None.
+        engines: of a modal run: who computed it, with an error estimate; None for others.
     """
     count = done.estimate.shape[0]
     times = scenario.times[:count]
     status, lambda_min = _connections(problem, observer, scenario, times)
     attributes = _facts(observer, scenario)
-    if gap is not None:
-        attributes["error_estimate"] = gap
+    if engines is not None:
+        attributes |= {"engines": engines.names, "error_estimate": engines.error}
     if count < scenario.times.shape[0]:
         attributes["interrupted"] = True
     names = observer.names if isinstance(observer, AssembledObserver) else _graph_names(problem)
@@ -73,9 +74,9 @@ def _connections(
 ) -> tuple[NDArray[np.str_], FloatArray | None]:
     nodes = len(observer.names) if isinstance(observer, AssembledObserver) else len(_graph_names(problem))
     shape = (times.shape[0], nodes)
-    away = np.array([[is_away(scenario.absences, node, t) for node in range(nodes)] for t in times.tolist()])
-    if not scenario.absences:
-        away = np.zeros(shape, dtype=bool)
+    away = np.zeros(shape, dtype=bool)
+    for node in {one.node for one in scenario.absences}:
+        away[:, node] = [is_away(scenario.absences, node, time) for time in times.tolist()]
     if not isinstance(problem, NetworkedAgents):
         return np.where(away, "away", np.broadcast_to("anchored", shape)), None
     graph = problem.graph

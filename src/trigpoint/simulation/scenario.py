@@ -72,6 +72,8 @@ class Scenario:
         seed: of everything random; equal seeds give equal runs.
         path: ``stacked`` (sparse matrices), ``modal`` (equal agents mode by mode, continuous exchange), ``reference``
             (each local observer by itself, with messages), or ``auto``.
+        tolerance: error that the modal path may make on networks of more than 1200 nodes, relative to the first error;
+            what was reached is estimated in the run's attributes.
 
     Raises:
         ArgumentError: times that do not ascend, a period that is not positive, an unknown path, noise or loss
@@ -94,6 +96,7 @@ class Scenario:
     measurements: FloatArray | None
     seed: int
     path: Path
+    tolerance: float
 
     def __init__(
         self,
@@ -114,14 +117,14 @@ class Scenario:
         measurements: ArrayLike | None = None,
         seed: int = 0,
         path: Path = "auto",
+        tolerance: float = 1e-8,
     ) -> None:
         instants = np.atleast_1d(as_floats("times", times))
         if instants.ndim != 1 or not instants.size or instants[0] < 0 or (np.diff(instants) <= 0).any():
             raise ArgumentError("times must be ascending numbers of at least 0, at least one of them")
         if period is not None and not (np.isfinite(period) and period > 0):
             raise ArgumentError(f"period must be a positive number of seconds; got {period}")
-        if path not in _PATHS:
-            raise ArgumentError(f"path must be one of {', '.join(_PATHS)}; got {path!r}")
+        _check_engine(path, tolerance, seed)
         given = {
             "noise": noise, "channel": channel, "clocks": clocks, "topology": topology, "trigger": trigger,
             "motion": motion,
@@ -132,8 +135,6 @@ class Scenario:
                 raise ArgumentError(f"{name} must be {wanted}; got {value!r}")
         if not all(isinstance(one, Absence) for one in absences):
             raise ArgumentError(f"absences must hold Absence(node, start, stop); got {absences!r}")
-        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-            raise ArgumentError(f"seed must be a whole number of at least 0; got {seed!r}")
         alone = [name for name in ("channel", "clocks", "trigger") if given[name] is not None] + ["gossip"] * gossip
         if period is None and alone:
             raise ArgumentError(f"{' and '.join(alone)} belong to sampled exchange: give a period")
@@ -155,6 +156,7 @@ class Scenario:
         )
         object.__setattr__(self, "seed", int(seed))
         object.__setattr__(self, "path", path)
+        object.__setattr__(self, "tolerance", float(tolerance))
 
     @property
     def lossy(self) -> bool:
@@ -170,3 +172,12 @@ class Scenario:
     def __repr__(self) -> str:
         exchange = "continuous exchange" if self.period is None else f"exchange every {self.period:g} s"
         return f"Scenario({self.times.shape[0]} times to {self.times[-1]:g} s, {exchange}, seed {self.seed})"
+
+
+def _check_engine(path: str, tolerance: float, seed: int) -> None:
+    if path not in _PATHS:
+        raise ArgumentError(f"path must be one of {', '.join(_PATHS)}; got {path!r}")
+    if not 1e-14 <= tolerance < 1.0:
+        raise ArgumentError(f"tolerance must be a relative error of at least 1e-14 and below 1; got {tolerance}")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ArgumentError(f"seed must be a whole number of at least 0; got {seed!r}")

@@ -95,22 +95,35 @@ def sampled(
     estimate: FloatArray,
     progress: Progress,
 ) -> Series:
-    """Exchange every ``period``: neighbours' values and readings are held in between (theory 6-F2)."""
+    """Exchange every ``period``: neighbours' values and readings are held in between (theory 6-F2).
+
+    Ctrl-C keeps what there is.
+    """
     period = scenario.period or 0.0
     disturbances = Disturbances.of(plant.problem, scenario)
     correct, maps = _innovation(observer), _Maps(observer, plant)
     states, estimates, sent = [], [], []
     degree = np.array([observer.graph.neighbours(node).shape[0] for node in range(observer.graph.n_nodes)])
-    for tick in progress(ticks(scenario.times, period)):
-        readings = plant.read(truth, disturbances.of_readings())
-        innovation = correct(readings, estimate)
-        for _, after in tick.outputs:
-            states.append(plant.advance(truth, after))
-            estimates.append(maps.step(estimate, innovation, after))
-            sent.append((tick.number + (after > 0.0)) * degree)
-        estimate = maps.step(estimate, innovation, period)
-        truth = plant.advance(truth, period, disturbances.of_process())
-    return np.stack(states), np.stack(estimates), np.stack(sent)
+    try:
+        for tick in progress(ticks(scenario.times, period)):
+            readings = plant.read(truth, disturbances.of_readings())
+            innovation = correct(readings, estimate)
+            for _, after in tick.outputs:
+                states.append(plant.advance(truth, after))
+                estimates.append(maps.step(estimate, innovation, after))
+                sent.append((tick.number + (after > 0.0)) * degree)
+            estimate = maps.step(estimate, innovation, period)
+            truth = plant.advance(truth, period, disturbances.of_process())
+    except KeyboardInterrupt:
+        if not sent:
+            raise
+    return whole(states, estimates, sent)
+
+
+def whole(states: list[FloatArray], estimates: list[FloatArray], sent: list[IntArray]) -> Series:
+    """One table each, of as many times as all three have: a run that was ended keeps what it had."""
+    kept = min(len(states), len(estimates), len(sent))
+    return np.stack(states[:kept]), np.stack(estimates[:kept]), np.stack(sent[:kept])
 
 
 def _innovation(observer: DiffusiveObserver) -> Callable[[FloatArray, FloatArray], FloatArray]:

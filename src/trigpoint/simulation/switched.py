@@ -48,17 +48,22 @@ def continuous(
     whole = np.ones(observer.graph.n_arcs, dtype=bool)
     step = _Step(observer, scenario)
     truths, estimates = [], []
-    for time, is_output in _instants(scenario):
-        if time > now:
-            active = whole if topology is None else topology.at(now)
-            x, error = step.go(_modes(observer, active, cache), x, error, time - now, rng)
-            x = _truth_at(plant, scenario, truth, x, time)
-            error = error - _surprise(observer, scenario, now, time)
-            error = _returned(scenario, x, error, now, time)
-            now = time
-        if is_output:
-            truths.append(x)
-            estimates.append(_hidden(scenario, x + error, time))
+    try:
+        for time, is_output in _instants(scenario):
+            if time > now:
+                modes = _modes(observer, whole if topology is None else topology.at(now), cache)
+                x, error = step.go(modes, x, error - _jump(scenario, now, time), time - now, rng)
+                error = error - _surprise(observer, modes, scenario, now, time)
+                x = _truth_at(plant, scenario, truth, x, time)
+                error = _returned(scenario, x, error, now, time)
+                now = time
+            if is_output:
+                truths.append(x)
+                estimates.append(_hidden(scenario, x + error, time))
+    except KeyboardInterrupt:
+        if not estimates:
+            raise
+        truths = truths[: len(estimates)]
     table = np.stack(estimates)
     return np.stack(truths), table, np.zeros(table.shape[:2], dtype=np.int64)
 
@@ -158,21 +163,34 @@ def _truth_at(plant: Plant, scenario: Scenario, start: FloatArray, x: FloatArray
     return x
 
 
-def _surprise(observer: DiffusiveObserver, scenario: Scenario, before: float, now: float) -> FloatArray | float:
-    """What an unknown motion did from ``before`` to ``now`` beyond the free motion; reflections at their instants.
+def _jump(scenario: Scenario, before: float, now: float) -> FloatArray | float:
+    """What reflections at the instant ``before`` did to the velocities; ``now`` is the interval's end.
 
-    A reflection is counted in the interval that begins with it, so that both ends are read just inside the interval.
+    They count in the interval that begins with them, so that both ends are read just inside of an interval.
     """
     motion = scenario.motion
-    if motion is None or motion.known:
+    if not isinstance(motion, Bouncing) or motion.known:
         return 0.0
-    A, duration = observer.agent.A, now - before
-    if isinstance(motion, Trajectory):
-        return np.asarray(motion.at(now) - motion.at(before) @ la.expm(A * duration).T)
-    middle, earlier = motion.at(before + 0.5 * duration), motion.at(max(before - _JUST, 0.0))
+    middle, earlier = motion.at(0.5 * (before + now)), motion.at(max(before - _JUST, 0.0))
     d = motion.position.shape[1]
-    jump = np.concatenate([np.zeros_like(middle[:, :d]), middle[:, d:] - earlier[:, d:]], axis=1)
-    return np.asarray(jump @ la.expm(A * duration).T)
+    return np.concatenate([np.zeros_like(middle[:, :d]), middle[:, d:] - earlier[:, d:]], axis=1)
+
+
+def _surprise(
+    observer: DiffusiveObserver, modes: _Modes, scenario: Scenario, before: float, now: float
+) -> FloatArray | float:
+    """``int e^{H (now - s)} (x'(s) - A x(s)) ds`` of an unknown motion on a straight line, all since ``before``."""
+    motion = scenario.motion
+    if not isinstance(motion, Trajectory) or motion.known:
+        return 0.0
+    duration, first = now - before, motion.at(before)
+    speed = (motion.at(now) - first) / duration
+    count, n = first.shape
+    block = np.zeros((count, 3 * n, 3 * n))
+    block[:, :n, :n], block[:, :n, n : 2 * n], block[:, :n, 2 * n :] = modes.matrices, -observer.agent.A, np.eye(n)
+    block[:, n : 2 * n, 2 * n :] = np.eye(n)
+    given = modes.vectors.T @ np.concatenate([np.zeros_like(first), first, speed], axis=1)
+    return np.asarray(modes.vectors @ (la.expm(block * duration) @ given[:, :, None])[:, :n, 0])
 
 
 def _returned(scenario: Scenario, x: FloatArray, error: FloatArray, before: float, now: float) -> FloatArray:

@@ -65,7 +65,7 @@ def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *,
         raise ArgumentError(f"the observer belongs to another network: {observer.graph} against {problem.graph}")
     _check_model(problem, observer.problem)
     _check_noise(scenario)
-    path, gap = chosen_path(scenario, observer), None
+    path = chosen_path(scenario, observer)
     if path == "reference" or _by_programs(scenario):
         done = programs.run(observer.as_programs(), scenario, path, progress)
         return recorded(problem, observer, scenario, path, done)
@@ -74,8 +74,8 @@ def simulate(problem: Problem, observer: NetworkObserver, scenario: Scenario, *,
     if scenario.motion is not None:
         truth = node_table("the motion's states", scenario.motion.at(0.0), problem.states)
     estimate = truth + node_table("initial_error", scenario.initial_error, problem.states)
-    series, gap = _run_at_once(observer, plant, scenario, (truth, estimate), path, progress)
-    return recorded(problem, observer, scenario, path, Recorded(series[0], series[1], Traffic(series[2])), gap)
+    series, engines = _run_at_once(observer, plant, scenario, (truth, estimate), path, progress)
+    return recorded(problem, observer, scenario, path, Recorded(series[0], series[1], Traffic(series[2])), engines)
 
 
 def _by_programs(scenario: Scenario) -> bool:
@@ -90,7 +90,7 @@ def _run_at_once(
     start: tuple[FloatArray, FloatArray],
     path: str,
     progress: Progress,
-) -> tuple[Series, float | None]:
+) -> tuple[Series, modal.Engines | None]:
     if path == "gossip":
         return gossip.run(observer, plant, scenario, *start, progress), None
     if scenario.period is not None:

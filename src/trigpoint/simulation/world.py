@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from trigpoint.arrays import FloatArray, transition_and_integral
+from trigpoint.arrays import FloatArray, IntArray, transition_and_integral
 from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.model import HyperNetwork, SharedPlant
 from trigpoint.observers.assembled import AssembledObserver, Channels
@@ -29,6 +31,15 @@ class Part:
     A: FloatArray
     drive: FloatArray
     entry: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Parts with equal dynamics: positions and drive (k, n)."""
+
+    A: FloatArray
+    rows: IntArray
+    drive: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +85,35 @@ class World:
         if duration == 0.0 and noise is None:
             return state
         moved = np.empty_like(state)
-        known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
-        for part in self.parts:
-            key = part.A.tobytes()
-            if key not in known:
-                one = (part.A, np.eye(part.A.shape[0]))
-                known[key] = one if self.is_map else transition_and_integral(part.A, duration)
-            transition, integral = known[key]
-            moved[part.place] = transition @ state[part.place] + integral @ part.drive
+        if duration not in self._maps:
+            if len(self._maps) > 64:
+                self._maps.clear()
+            self._maps[duration] = [
+                (group.A, np.eye(group.A.shape[0])) if self.is_map else transition_and_integral(group.A, duration)
+                for group in self._groups
+            ]
+        for group, (transition, integral) in zip(self._groups, self._maps[duration], strict=True):
+            moved[group.rows] = state[group.rows] @ transition.T + group.drive @ integral.T
         return moved if noise is None else moved + noise
+
+    @cached_property
+    def _groups(self) -> list[_Group]:
+        """The parts, all that have equal dynamics together."""
+        together: dict[tuple[int, bytes], list[Part]] = {}
+        for part in self.parts:
+            together.setdefault((part.A.shape[0], part.A.tobytes()), []).append(part)
+        return [
+            _Group(
+                parts[0].A,
+                np.array([np.arange(part.place.start, part.place.stop) for part in parts]),
+                np.array([part.drive for part in parts]),
+            )
+            for parts in together.values()
+        ]
+
+    @cached_property
+    def _maps(self) -> dict[float, list[tuple[FloatArray, FloatArray]]]:
+        return {}  # a memo: it depends on nothing but the frozen fields
 
     def noise_factors(self, scale: float, period: float) -> list[FloatArray]:
         """F of each part with ``F F'`` the covariance of ``scale`` times its process noise over one period."""
@@ -93,12 +124,21 @@ class World:
                 known[key] = scale * part.entry if self.is_map else noise_factor(part.A, scale * part.entry, period)
         return [known[part.A.tobytes() + part.entry.tobytes()] for part in self.parts]
 
-    def read(self, state: FloatArray, noise: FloatArray | None = None) -> dict[int, FloatArray]:
-        """All readings by label."""
+    def read(
+        self, state: FloatArray, noise: FloatArray | None = None, labels: Iterable[int] | None = None
+    ) -> dict[int, FloatArray]:
+        """Readings by label: all, or the ``labels`` that are asked for."""
         values = self.channels.C @ state if self.recorded is None else self.recorded
         values = values if noise is None else values + noise
+        if labels is None:
+            return {label: values[place] for label, place in self._places}
         ranges = self.channels.readings
-        return {label: values[ranges.slice(label)] for label in range(ranges.count)}
+        return {label: values[ranges.slice(label)] for label in labels}
+
+    @cached_property
+    def _places(self) -> list[tuple[int, slice]]:
+        ranges = self.channels.readings
+        return [(label, ranges.slice(label)) for label in range(ranges.count)]
 
     def shown(self, state: FloatArray) -> list[FloatArray]:
         """What each node should estimate, of this truth."""
