@@ -35,9 +35,6 @@ def convert(
 
 
 @guarded
-
-
-@guarded
 def watch(
     file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz).")],
     network: Annotated[Path, typer.Argument(help="Its network: any file that simulate takes.")],
