@@ -1,0 +1,177 @@
+"""Verified Lyapunov pairs: a rate, and the matrix or the pair of factors that proves it of every H within a ball."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+
+from trigpoint.arrays import FloatArray
+from trigpoint.certificates.base import witness
+from trigpoint.linalg.balls import Ball, decays, decays_between, is_negative_along
+from trigpoint.linalg.equations import near_singular_allowed
+from trigpoint.linalg.verified import is_positive_definite
+from trigpoint.observers.certificate import ClaimRecord
+
+_SHARES = (1.0 - 1e-9, 1.0 - 1e-6, 0.999, 0.99, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3, 0.1)
+_HALVINGS, _QUICK = 6, 200
+_ENOUGH = 0.98
+_CLIMBS, _WORST_STEP = 14, 1e10
+_CLIMB_SHARES = (1.0 - 1e-6, 0.999, 0.98, 0.9, 0.75, 0.5, 0.25, 0.1)
+_BELOW = (1e-9, 1e-6, 1e-4, 1e-3, 1e-2)
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """``P H + H' P + 2 rate P < 0`` with P > 0, or ``P = R' R`` by its factor R and an approximate inverse T.
+
+    Attributes:
+        rate: 1/s.
+        arrays: ``P``, or ``R`` and ``T``, each (n, n).
+    """
+
+    rate: float
+    arrays: dict[str, FloatArray]
+
+
+def proves(record: ClaimRecord, H: Ball, rate: float) -> bool:
+    """Prove ``rate`` again from the witness of a ``Pair``."""
+    if "R" in record.witness:
+        return decays_between(witness(record, "R", H.middle.shape), witness(record, "T", H.middle.shape), H, rate)
+    if "P" not in record.witness:
+        return False
+    P = witness(record, "P", H.middle.shape)
+    return is_positive_definite(P) and decays(P, H, rate)
+
+
+def lyapunov_pair(H: Ball, wanted: float | None) -> Pair | None:
+    """A pair for the ``wanted`` rate; for the largest rate that can be proved where none is given; or None.
+
+    First P solves the Lyapunov equation of ``H + a' I`` with a' between the rate and the computed abscissa. Where its
+    condition is too large for that (deep cascades: 1e15 and more), the coordinates are changed instead, step by step,
+    and the pair of their factors is the witness.
+    """
+    abscissa = float(np.linalg.eigvals(H.middle).real.max(initial=-np.inf))
+    found = _direct(H, wanted, abscissa) if abscissa < 0.0 else None
+    if found is not None and (wanted is not None or found.rate > _ENOUGH * -abscissa):
+        return found
+    climbed = _climbed(H, wanted)
+    best = max((pair for pair in (found, climbed) if pair is not None), key=lambda pair: pair.rate, default=None)
+    return None if best is not None and wanted is not None and best.rate < wanted else best
+
+
+def _direct(H: Ball, wanted: float | None, abscissa: float) -> Pair | None:
+    """The largest of eleven shares of the abscissa, and up to 200 states what six halvings of the gap above it add."""
+    if wanted is not None:
+        return _solved(H, wanted, abscissa)
+    refused, found = -abscissa, None
+    for share in _SHARES:
+        found = _solved(H, -abscissa * share, abscissa)
+        if found is not None:
+            break
+        refused = -abscissa * share
+    for _ in range(_HALVINGS if found is not None and H.middle.shape[0] <= _QUICK else 0):
+        if found is None or found.rate >= 0.999 * refused:
+            break
+        better = _solved(H, 0.5 * (found.rate + refused), abscissa)
+        refused = 0.5 * (found.rate + refused) if better is None else refused
+        found = found if better is None else better
+    return found
+
+
+def _solved(H: Ball, rate: float, abscissa: float) -> Pair | None:
+    for lift in (0.5, 0.0, 0.9):
+        P = lyapunov_solution(H.middle, rate + lift * (-abscissa - rate))
+        if P is not None and is_positive_definite(P) and decays(P, H, rate):
+            return Pair(rate, {"P": P})
+    return None
+
+
+def lyapunov_solution(H: FloatArray, rate: float) -> FloatArray | None:
+    """P of ``P (H + rate I) + (H + rate I)' P = -I``, largest entry 1; None where there is none."""
+    shifted = H + rate * np.eye(H.shape[0])
+    try:
+        with near_singular_allowed():
+            P = la.solve_continuous_lyapunov(shifted.T, -np.eye(H.shape[0]))
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    P = 0.5 * (P + P.T)
+    largest = float(np.abs(P).max(initial=0.0))
+    return P / largest if np.isfinite(largest) and largest > 0.0 else None
+
+
+def growing_witness(H: Ball, rate: float) -> dict[str, FloatArray] | None:
+    """P and a direction v that prove an eigenvalue of H to the right of ``-rate``; None where there are none."""
+    if not float(np.linalg.eigvals(H.middle).real.max(initial=-np.inf)) > -rate:
+        return None
+    P = lyapunov_solution(H.middle, rate)
+    if P is None:
+        return None
+    v = np.linalg.eigh(P)[1][:, 0]
+    return {"P": P, "growing": np.asarray(v)} if grows(P, v, H, rate) else None
+
+
+def grows(P: FloatArray, v: FloatArray, H: Ball, rate: float) -> bool:
+    """Prove that every H of the ball has an eigenvalue with a real part above ``-rate``.
+
+    ``P (H + rate I) + (H + rate I)' P < 0`` with ``v' P v < 0``: as many eigenvalues are on the right as P has negative
+    ones. Source: Lyapunov's inertia theorem; Chetaev.
+    """
+    return bool(np.array_equal(P, P.T)) and is_negative_along(P, v) and decays(P, H, rate)
+
+
+def _climbed(H: Ball, wanted: float | None) -> Pair | None:
+    """Change the coordinates so that H decays in them at a small rate, from there at a larger one, and so on.
+
+    One Lyapunov solution has the condition of the whole way, each step only that of its own; their product R is never
+    squared.
+    """
+    n = H.middle.shape[0]
+    R, T, S, reached, best = np.eye(n), np.eye(n), H.middle, -np.inf, None
+    for _ in range(_CLIMBS):
+        step = _step(S, reached, wanted)
+        if step is None:
+            break
+        reached, factor = step
+        R = factor @ R
+        size = np.abs(R).max(axis=1)[:, None]
+        R = R / size.max()
+        try:
+            T = np.linalg.inv(R)
+        except np.linalg.LinAlgError:
+            break
+        S = R @ (H.middle @ T)
+        if not (np.isfinite(T).all() and np.isfinite(S).all()):
+            break
+        rates = [reached - share * abs(reached) for share in _BELOW] if wanted is None else [wanted]
+        found = next((r for r in rates if r > 0.0 and decays_between(R, T, H, r)), None)
+        if found is not None and (best is None or found > best.rate):
+            best = Pair(found, {"R": R, "T": T})
+            if wanted is not None:
+                return best
+    return best
+
+
+def _step(S: FloatArray, reached: float, wanted: float | None) -> tuple[float, FloatArray] | None:
+    """The largest rate beyond ``reached`` with a Lyapunov solution of moderate condition, and its factor."""
+    n = S.shape[0]
+    U, Z = la.schur(S)
+    goal = -float(np.linalg.eigvals(S).real.max())
+    floor = max(reached, 0.0) if goal > 0.0 else reached
+    if wanted is not None and wanted < goal:
+        goal = wanted + 0.5 * (goal - wanted)
+    trsyl = la.get_lapack_funcs("trsyl", (U,))
+    for share in _CLIMB_SHARES:
+        rate = floor + share * (goal - floor)
+        if not rate > floor + 1e-4 * abs(floor):
+            break
+        shifted = U + rate * np.eye(n)
+        Y, scale, _ = trsyl(shifted, shifted, -np.eye(n), trana="T")
+        Y = 0.5 * (Y + Y.T) / scale
+        if not np.isfinite(Y).all():
+            continue
+        values, vectors = np.linalg.eigh(Y)
+        if values[0] > 0.0 and values[-1] < _WORST_STEP * values[0]:
+            return rate, np.asarray((np.sqrt(values / values[-1])[:, None] * vectors.T) @ Z.T)
+    return None
