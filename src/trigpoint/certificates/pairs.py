@@ -17,9 +17,9 @@ from trigpoint.observers.certificate import ClaimRecord
 _SHARES = (1.0 - 1e-9, 1.0 - 1e-6, 0.999, 0.99, 0.95, 0.9, 0.8, 0.65, 0.5, 0.3, 0.1)
 _HALVINGS, _QUICK = 6, 200
 _ENOUGH = 0.98
-_CLIMBS, _WORST_STEP = 14, 1e10
-_CLIMB_SHARES = (1.0 - 1e-6, 0.999, 0.98, 0.9, 0.75, 0.5, 0.25, 0.1)
-_BELOW = (1e-9, 1e-6, 1e-4, 1e-3, 1e-2)
+_CLIMBS, _WORST_STEP, _WORTHWHILE = 20, 1e10, 2e-3
+_CLIMB_SHARES = (1.0 - 1e-6, 0.99, 0.9, 0.7, 0.4, 0.15)
+_BELOW = (1e-9, 1e-6, 1e-4, 3e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,53 +125,59 @@ def _climbed(H: Ball, wanted: float | None) -> Pair | None:
     """Change the coordinates so that H decays in them at a small rate, from there at a larger one, and so on.
 
     One Lyapunov solution has the condition of the whole way, each step only that of its own; their product R is never
-    squared.
+    squared. Only steps that are proved are taken.
     """
-    n = H.middle.shape[0]
-    R, T, S, reached, best = np.eye(n), np.eye(n), H.middle, -np.inf, None
+    R, best = np.eye(H.middle.shape[0]), None
+    S = H.middle
     for _ in range(_CLIMBS):
-        step = _step(S, reached, wanted)
+        step = _next(H, R, S, best, wanted)
         if step is None:
             break
-        reached, factor = step
-        R = factor @ R
-        size = np.abs(R).max(axis=1)[:, None]
-        R = R / size.max()
-        try:
-            T = np.linalg.inv(R)
-        except np.linalg.LinAlgError:
+        gained = step.rate - (best.rate if best is not None else 0.0)
+        best, R = step, step.arrays["R"]
+        if gained < _WORTHWHILE * step.rate or (wanted is not None and best.rate >= wanted):
             break
-        S = R @ (H.middle @ T)
-        if not (np.isfinite(T).all() and np.isfinite(S).all()):
-            break
-        rates = [reached - share * abs(reached) for share in _BELOW] if wanted is None else [wanted]
-        found = next((r for r in rates if r > 0.0 and decays_between(R, T, H, r)), None)
-        if found is not None and (best is None or found > best.rate):
-            best = Pair(found, {"R": R, "T": T})
-            if wanted is not None:
-                return best
+        S = R @ (H.middle @ step.arrays["T"])
     return best
 
 
-def _step(S: FloatArray, reached: float, wanted: float | None) -> tuple[float, FloatArray] | None:
-    """The largest rate beyond ``reached`` with a Lyapunov solution of moderate condition, and its factor."""
-    n = S.shape[0]
-    U, Z = la.schur(S)
-    goal = -float(np.linalg.eigvals(S).real.max())
-    floor = max(reached, 0.0) if goal > 0.0 else reached
+def _next(H: Ball, R: FloatArray, S: FloatArray, best: Pair | None, wanted: float | None) -> Pair | None:
+    """The next pair on the way: the largest share of what is left whose step can be solved and whose pair is proved."""
+    goal, reached = -float(np.linalg.eigvals(S).real.max()), 0.0 if best is None else best.rate
     if wanted is not None and wanted < goal:
         goal = wanted + 0.5 * (goal - wanted)
-    trsyl = la.get_lapack_funcs("trsyl", (U,))
-    for share in _CLIMB_SHARES:
-        rate = floor + share * (goal - floor)
-        if not rate > floor + 1e-4 * abs(floor):
-            break
-        shifted = U + rate * np.eye(n)
-        Y, scale, _ = trsyl(shifted, shifted, -np.eye(n), trana="T")
-        Y = 0.5 * (Y + Y.T) / scale
-        if not np.isfinite(Y).all():
-            continue
-        values, vectors = np.linalg.eigh(Y)
-        if values[0] > 0.0 and values[-1] < _WORST_STEP * values[0]:
-            return rate, np.asarray((np.sqrt(values / values[-1])[:, None] * vectors.T) @ Z.T)
+    U, Z = la.schur(S)
+    for share in _CLIMB_SHARES if goal > reached else ():
+        rate = reached + share * (goal - reached)
+        factor = _factor(U, Z, rate)
+        pair = None if factor is None else _between(H, factor @ R, rate, wanted)
+        if pair is not None:
+            return pair
     return None
+
+
+def _factor(U: FloatArray, Z: FloatArray, rate: float) -> FloatArray | None:
+    """F with ``F' F`` the Lyapunov solution of ``Z U Z' + rate I``; None where its condition is above 1e10."""
+    n = U.shape[0]
+    shifted = U + rate * np.eye(n)
+    (trsyl,) = la.get_lapack_funcs(("trsyl",), (U,))
+    Y, scale, _ = trsyl(shifted, shifted, -np.eye(n), trana="T")
+    if not (scale > 0.0 and np.isfinite(Y).all()):
+        return None
+    values, vectors = np.linalg.eigh(0.5 * (Y + Y.T))
+    if not 0.0 < values[-1] < _WORST_STEP * values[0]:
+        return None
+    return np.asarray((np.sqrt(values / values[-1])[:, None] * vectors.T) @ Z.T)
+
+
+def _between(H: Ball, R: FloatArray, reached: float, wanted: float | None) -> Pair | None:
+    """R with its inverse, if they prove the ``wanted`` rate or one just below the rate ``reached``."""
+    R = np.asarray(R / np.abs(R).max())
+    try:
+        T = np.linalg.inv(R)
+    except np.linalg.LinAlgError:
+        return None
+    rates = [wanted] if wanted is not None and reached > wanted else []
+    rates += [(1.0 - share) * reached for share in _BELOW]
+    found = next((rate for rate in rates if np.isfinite(T).all() and decays_between(R, T, H, rate)), None)
+    return None if found is None else Pair(found, {"R": R, "T": T})
