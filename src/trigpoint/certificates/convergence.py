@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +18,7 @@ from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.decrease import mode_decreases, network_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.linalg.balls import Ball, decays
+from trigpoint.linalg.fine import Fine
 from trigpoint.linalg.verified import down, is_positive_definite, up
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
@@ -73,13 +76,14 @@ class Convergence(Claim):
             if self.verify(record, problem, observer) == "refuted":
                 return record
         if self.rate is not None and 0.0 < self.rate < np.inf and observer.states.total <= _WHOLE:
-            return self._decided(network_ball(observer), self.rate, bound.lower)
+            H = network_ball(observer)
+            return self._decided(H, partial(Fine.of, H), self.rate, bound.lower)
         text = f"no decay at {wanted:.9g} /s could be proved" if wanted > 0.0 else "no decay could be proved"
         return self._record("inconclusive", wanted, bound.lower, arrays, text)
 
-    def _decided(self, H: Ball, rate: float, floor: float) -> ClaimRecord:
+    def _decided(self, H: Ball, fine: Callable[[], Fine], rate: float, floor: float) -> ClaimRecord:
         """A ``rate`` proved or refuted on the whole error matrix."""
-        pair = pairs.lyapunov_pair(H, rate)
+        pair = pairs.lyapunov_pair(H, fine, rate)
         if pair is not None:
             text = f"the error decays at least at {rate:.9g} /s"
             return self._record("certified", rate, floor, {**pair.arrays, "whole": _MARK}, text)
@@ -95,15 +99,15 @@ class Convergence(Claim):
             return self._record("inconclusive", 0.0, 0.0, {}, f"no decay could be proved: {reason}")
         if not programs.error_is_autonomous(observer):
             return self._record("inconclusive", 0.0, 0.0, {}, "no decay could be proved: the truth may drive the error")
-        H = programs.error_magnitude(observer)
+        H, fine = programs.error_magnitude(observer), partial(programs.error_to_more_digits, observer)
         by_blocks = structure.structured_rate(H, self.rate)
         if by_blocks is not None and by_blocks[0] > 0.0:
             rate, P = by_blocks
             text = f"the error decays at least at {rate:.9g} /s, through the exact zeros of the stored matrix"
             return self._record("certified", rate, 0.0, {"blocks": P}, text)
         if self.rate is not None and 0.0 < self.rate < np.inf:
-            return self._decided(H, self.rate, 0.0)
-        pair = pairs.lyapunov_pair(H, None) if self.rate is None else None
+            return self._decided(H, fine, self.rate, 0.0)
+        pair = pairs.lyapunov_pair(H, fine, None) if self.rate is None else None
         if pair is None or not pair.rate > 0.0:
             return self._record("inconclusive", self.rate or 0.0, 0.0, {}, "no decay could be proved")
         return self._record("certified", pair.rate, 0.0, pair.arrays, f"the error decays at least at {pair.rate:.9g} /s")
@@ -124,7 +128,8 @@ class Convergence(Claim):
         rate, floor = number(record, "rate"), number(record, "lambda_floor")
         if "whole" in record.witness:
             fits = observer.states.total <= programs.DENSE_LIMIT and rate > 0.0
-            return _judged(record, network_ball(observer), rate) if fits else "inconclusive"
+            H = network_ball(observer) if fits else None
+            return _judged(record, H, partial(Fine.of, H), rate) if H is not None else "inconclusive"
         P = witness(record, "P", (n, n))
         if "growing" in record.witness:
             return "refuted" if growth.proves(record, observer, rate, floor) else "inconclusive"
@@ -155,15 +160,15 @@ def _verify_programs(record: ClaimRecord, observer: AssembledObserver) -> Outcom
     H = programs.error_magnitude(observer)
     if "blocks" in record.witness:
         return "certified" if structure.proves(record.witness["blocks"], H, rate) else "inconclusive"
-    return _judged(record, H, rate)
+    return _judged(record, H, partial(programs.error_to_more_digits, observer), rate)
 
 
-def _judged(record: ClaimRecord, H: Ball, rate: float) -> Outcome:
+def _judged(record: ClaimRecord, H: Ball, fine: Callable[[], Fine], rate: float) -> Outcome:
     """The outcome for the whole of H, from P (or its factors R and T) or from P and a growing direction."""
     if "growing" in record.witness:
         P, v = witness(record, "P", H.middle.shape), witness(record, "growing", H.middle.shape[:1])
         return "refuted" if pairs.grows(P, v, H, rate) else "inconclusive"
-    return "certified" if pairs.proves(record, H, rate) else "inconclusive"
+    return "certified" if pairs.proves(record, H, fine, rate) else "inconclusive"
 
 
 def _slower(rate: float) -> str:

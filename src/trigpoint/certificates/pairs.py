@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,9 @@ import scipy.linalg as la
 
 from trigpoint.arrays import FloatArray
 from trigpoint.certificates.base import witness
-from trigpoint.linalg.balls import Ball, decays, decays_between, is_negative_along
+from trigpoint.linalg.balls import Ball, decays, is_negative_along
 from trigpoint.linalg.equations import near_singular_allowed
+from trigpoint.linalg.fine import Fine, between, decays_between
 from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.certificate import ClaimRecord
 
@@ -35,18 +37,20 @@ class Pair:
     arrays: dict[str, FloatArray]
 
 
-def proves(record: ClaimRecord, H: Ball, rate: float) -> bool:
-    """Prove ``rate`` again from the witness of a ``Pair``."""
+def proves(record: ClaimRecord, H: Ball, fine: Callable[[], Fine], rate: float) -> bool:
+    """Prove ``rate`` again from the witness of a ``Pair``; ``fine`` gives H to more digits."""
     if "R" in record.witness:
-        return decays_between(witness(record, "R", H.middle.shape), witness(record, "T", H.middle.shape), H, rate)
+        return decays_between(witness(record, "R", H.middle.shape), witness(record, "T", H.middle.shape), fine(), rate)
     if "P" not in record.witness:
         return False
     P = witness(record, "P", H.middle.shape)
     return is_positive_definite(P) and decays(P, H, rate)
 
 
-def lyapunov_pair(H: Ball, wanted: float | None) -> Pair | None:
+def lyapunov_pair(H: Ball, fine: Callable[[], Fine], wanted: float | None) -> Pair | None:
     """A pair for the ``wanted`` rate; for the largest rate that can be proved where none is given; or None.
+
+    Args: ``H`` the matrix up to its rounding errors, ``fine`` gives it to more digits where that is needed.
 
     First P solves the Lyapunov equation of ``H + a' I`` with a' between the rate and the computed abscissa. Where its
     condition is too large for that (deep cascades: 1e15 and more), the coordinates are changed instead, step by step,
@@ -56,7 +60,7 @@ def lyapunov_pair(H: Ball, wanted: float | None) -> Pair | None:
     found = _direct(H, wanted, abscissa) if abscissa < 0.0 else None
     if found is not None and (wanted is not None or found.rate > _ENOUGH * -abscissa):
         return found
-    climbed = _climbed(H, wanted)
+    climbed = _climbed(fine(), wanted)
     best = max((pair for pair in (found, climbed) if pair is not None), key=lambda pair: pair.rate, default=None)
     return None if best is not None and wanted is not None and best.rate < wanted else best
 
@@ -121,7 +125,7 @@ def grows(P: FloatArray, v: FloatArray, H: Ball, rate: float) -> bool:
     return bool(np.array_equal(P, P.T)) and is_negative_along(P, v) and decays(P, H, rate)
 
 
-def _climbed(H: Ball, wanted: float | None) -> Pair | None:
+def _climbed(H: Fine, wanted: float | None) -> Pair | None:
     """Change the coordinates so that H decays in them at a small rate, from there at a larger one, and so on.
 
     One Lyapunov solution has the condition of the whole way, each step only that of its own; their product R is never
@@ -137,11 +141,11 @@ def _climbed(H: Ball, wanted: float | None) -> Pair | None:
         best, R = step, step.arrays["R"]
         if gained < _WORTHWHILE * step.rate or (wanted is not None and best.rate >= wanted):
             break
-        S = R @ (H.middle @ step.arrays["T"])
+        S = between(R, H, step.arrays["T"]).middle
     return best
 
 
-def _next(H: Ball, R: FloatArray, S: FloatArray, best: Pair | None, wanted: float | None) -> Pair | None:
+def _next(H: Fine, R: FloatArray, S: FloatArray, best: Pair | None, wanted: float | None) -> Pair | None:
     """The next pair on the way: the largest share of what is left whose step can be solved and whose pair is proved."""
     goal, reached = -float(np.linalg.eigvals(S).real.max()), 0.0 if best is None else best.rate
     if wanted is not None and wanted < goal:
@@ -170,7 +174,7 @@ def _factor(U: FloatArray, Z: FloatArray, rate: float) -> FloatArray | None:
     return np.asarray((np.sqrt(values / values[-1])[:, None] * vectors.T) @ Z.T)
 
 
-def _between(H: Ball, R: FloatArray, reached: float, wanted: float | None) -> Pair | None:
+def _between(H: Fine, R: FloatArray, reached: float, wanted: float | None) -> Pair | None:
     """R with its inverse, if they prove the ``wanted`` rate or one just below the rate ``reached``."""
     R = np.asarray(R / np.abs(R).max())
     try:

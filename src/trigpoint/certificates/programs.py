@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import BoolArray, FloatArray
 from trigpoint.linalg.balls import Ball
 from trigpoint.linalg.blocks import Ranges
+from trigpoint.linalg.fine import Fine, product
 from trigpoint.linalg.verified import gam
 from trigpoint.model import SharedPlant
 from trigpoint.observers.assembled import AssembledObserver
@@ -106,6 +107,33 @@ def error_magnitude(observer: AssembledObserver) -> Ball:
             terms[own] += arc.gain.shape[1] + 2
     radius = np.asarray(gam(4.0 * terms + 32.0))[:, None] * size + lost * _LOST
     return Ball(observer.error_matrix().toarray(), radius)
+
+
+def error_to_more_digits(observer: AssembledObserver) -> Fine:
+    """The same H, to about twice the digits; summed arc by arc from the programs."""
+    ranges: Ranges = observer.states
+    total = Fine.zero(ranges.total, ranges.total)
+    position = {name: k for k, name in enumerate(observer.names)}
+    for k, node in enumerate(observer.nodes):
+        own = ranges.slice(k)
+        _add(total, (own, own), Fine.of(Ball.exact(node.A)), node.A != 0.0)
+        for arc in node.arcs:
+            _add(total, (own, own), -product(arc.gain, arc.output), _reach(arc.gain, arc.output))
+            for name, rows in arc.heard:
+                place = (own, ranges.slice(position[name]))
+                _add(total, place, product(arc.gain, rows), _reach(arc.gain, rows))
+    return total
+
+
+def _reach(gain: FloatArray, rows: FloatArray) -> BoolArray:
+    return np.asarray((gain != 0.0).astype(float) @ (rows != 0.0) > 0.0)
+
+
+def _add(total: Fine, place: tuple[slice, slice], part: Fine, reach: BoolArray) -> None:
+    """Add in place; where no product reaches, the sum keeps its radius."""
+    added = total.block(*place) + Fine(part.middle, part.low, np.where(reach, part.radius, 0.0))
+    for whole, piece in zip((total.middle, total.low, total.radius), (added.middle, added.low, added.radius), strict=True):
+        whole[place] = piece
 
 
 def reading_gain(observer: AssembledObserver) -> Ball:

@@ -146,21 +146,6 @@ def decays(P: FloatArray, F: Ball, rate: float) -> bool:
     return is_positive(-(drift + drift.T) - Ball.exact(P).times(2.0 * rate))
 
 
-def decays_between(R: FloatArray, T: FloatArray, H: Ball, rate: float) -> bool:
-    """Prove ``P H + H' P + 2 rate P < 0`` and P > 0 for ``P = R' R``, P itself never being formed.
-
-    ``T' (P H + H' P + 2 rate P) T = G' S + S' G + 2 rate G' G`` with ``G = R T`` and ``S = R H T``. Negative definite,
-    it makes T injective, hence the inequality itself true. ``G' G > 0`` makes R injective, hence P > 0. Where R and T
-    are nearly inverse, P may have the condition 1e30: numbers near 1 are compared.
-
-    Args: ``R`` and ``T`` any (n, n), ``H`` (n, n). Source: congruence; Rump (2006), key Rump2006.
-    """
-    inverse = Ball.exact(T)
-    G, S = Ball.exact(R) @ inverse, Ball.exact(R) @ (H @ inverse)
-    square, drift = G.T @ G, G.T @ S
-    return is_positive(square) and is_positive(-(drift + drift.T) - square.times(2.0 * rate))
-
-
 def is_negative_along(P: FloatArray, v: FloatArray) -> bool:
     """Prove ``v' P v < 0``."""
     column = Ball.exact(v[:, None])
