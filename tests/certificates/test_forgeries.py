@@ -132,7 +132,7 @@ def test_no_number_can_be_improved(at: tuple[Any, ...]) -> None:
     value = float(DOCUMENT["claims"][at[1]]["numbers"][at[-1]])
     better = -1.0 if at[-1] == "upper" else 1.0
     for share in (1e-2, 0.1, 0.5):
-        assert outcome(resealed(changed(at, value * (1.0 + better * share)))) == "inconclusive"
+        assert outcome(resealed(changed(at, value * (1.0 + better * share)))) in ("inconclusive", "refuted")
 
 
 def test_claims_of_another_name_or_version_are_refused() -> None:

@@ -1,4 +1,4 @@
-"""Drawn small problems against exact truth: nothing false is certified, nothing true is refuted, little is left open."""
+"""Drawn small problems against exact truth: nothing false is certified, nothing true refuted, little left open."""
 
 from __future__ import annotations
 

@@ -15,11 +15,11 @@ from trigpoint.analysis.modes import largest_eigenvalue_bound
 from trigpoint.arrays import FloatArray
 from trigpoint.certificates import growth, pairs, programs, structure
 from trigpoint.certificates.base import Claim, number, witness
-from trigpoint.certificates.decrease import mode_decreases, network_ball
+from trigpoint.certificates.decrease import gain_range, mode_decreases, network_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.linalg.balls import Ball, decays
 from trigpoint.linalg.fine import Fine
-from trigpoint.linalg.verified import down, is_positive_definite, up
+from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
@@ -110,7 +110,9 @@ class Convergence(Claim):
         pair = pairs.lyapunov_pair(H, fine, None) if self.rate is None else None
         if pair is None or not pair.rate > 0.0:
             return self._record("inconclusive", self.rate or 0.0, 0.0, {}, "no decay could be proved")
-        return self._record("certified", pair.rate, 0.0, pair.arrays, f"the error decays at least at {pair.rate:.9g} /s")
+        return self._record(
+            "certified", pair.rate, 0.0, pair.arrays, f"the error decays at least at {pair.rate:.9g} /s"
+        )
 
     def _record(
         self, verdict: Outcome, rate: float, floor: float, arrays: dict[str, FloatArray], text: str
@@ -137,13 +139,14 @@ class Convergence(Claim):
         if not proved:
             return "inconclusive"
         if graph.dimension > 1:
-            whole = np.asarray(np.kron(np.eye(graph.n_nodes), P)) if observer.states.total <= programs.DENSE_LIMIT else None
+            whole = (
+                np.asarray(np.kron(np.eye(graph.n_nodes), P)) if observer.states.total <= programs.DENSE_LIMIT else None
+            )
             return "certified" if whole is not None and decays(whole, network_ball(observer), rate) else "inconclusive"
         if not 0.0 < floor <= proved_floor(record, graph):
             return "inconclusive"
-        low = down(observer.gain * floor)
-        high = up(observer.gain * largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
-        certified = all(mode_decreases(observer, P, rate, g) for g in (low, high))
+        ends = gain_range(observer, floor, largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+        certified = all(mode_decreases(observer, P, rate, g) for g in ends)
         return "certified" if certified else "inconclusive"
 
 
@@ -159,7 +162,7 @@ def _verify_programs(record: ClaimRecord, observer: AssembledObserver) -> Outcom
         return "inconclusive"
     H = programs.error_magnitude(observer)
     if "blocks" in record.witness:
-        return "certified" if structure.proves(record.witness["blocks"], H, rate) else "inconclusive"
+        return "certified" if structure.proves(record, H, rate) else "inconclusive"
     return _judged(record, H, partial(programs.error_to_more_digits, observer), rate)
 
 

@@ -133,6 +133,7 @@ def _entry(problem: Problem) -> FloatArray:
     return np.asarray(sp.block_diag(blocks).toarray())
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _noise(error: _Error, process: float, measurement: float) -> Ball:
     """Its intensity ``process^2 E E' + measurement^2 K R K'``."""
     E, K = error.agents, error.readings
@@ -148,6 +149,7 @@ def _bounds(error: _Error, X: FloatArray, process: float, measurement: float) ->
     return is_positive(-(drift + drift.T + _noise(error, process, measurement)))
 
 
+@np.errstate(over="ignore")
 def _traces(observer: AssembledObserver, X: FloatArray) -> FloatArray:
     """An upper bound of the trace of every node's block."""
     ranges, diagonal = observer.states, np.abs(np.diagonal(X))

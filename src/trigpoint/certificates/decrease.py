@@ -8,10 +8,16 @@ import scipy.sparse as sp
 from trigpoint.analysis.eigenvalue import absolute_assembly
 from trigpoint.arrays import FloatArray
 from trigpoint.linalg.balls import Ball, decays
-from trigpoint.linalg.verified import gam
+from trigpoint.linalg.verified import down, gam, up
 from trigpoint.observers.network import DiffusiveObserver
 
 _SMALLEST = 2.0**-1074
+
+
+def gain_range(observer: DiffusiveObserver, low: float, high: float) -> tuple[float, float]:
+    """An interval that holds ``gain lambda`` for all ``low <= lambda <= high``."""
+    ends = (observer.gain * low, observer.gain * high)
+    return down(min(ends)), up(max(ends))
 
 
 def mode_ball(observer: DiffusiveObserver, g: float) -> Ball:
@@ -29,13 +35,17 @@ def network_ball(observer: DiffusiveObserver) -> Ball:
     """The error matrix of the whole network, dense: ``I (x) A - gain (I (x) K) (L (x) I) (I (x) C)``."""
     graph, agent = observer.graph, observer.agent
     eye = np.eye(graph.n_nodes)
-    drift = Ball(np.kron(eye, agent.A), np.zeros((observer.states.total,) * 2))
+    drift = Ball(_repeated(eye, agent.A), np.zeros((observer.states.total,) * 2))
     L = laplacian_ball(observer)
     if graph.dimension == 1:
         pull = L.kron(Ball.exact(observer.injection) @ Ball.exact(agent.C))
     else:
-        pull = Ball.exact(np.kron(eye, observer.injection)) @ (L @ Ball.exact(np.kron(eye, agent.C)))
+        pull = Ball.exact(_repeated(eye, observer.injection)) @ (L @ Ball.exact(_repeated(eye, agent.C)))
     return drift - pull.times(observer.gain)
+
+
+def _repeated(eye: FloatArray, block: FloatArray) -> FloatArray:
+    return np.asarray(np.kron(eye, block), dtype=np.float64)
 
 
 def laplacian_ball(observer: DiffusiveObserver) -> Ball:

@@ -9,11 +9,11 @@ from trigpoint.analysis.eigenvalue import EigenvalueBound, couplings
 from trigpoint.analysis.modes import mode_matrices
 from trigpoint.arrays import FloatArray
 from trigpoint.certificates import base
-from trigpoint.certificates.decrease import mode_decreases
+from trigpoint.certificates.decrease import gain_range, mode_decreases
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.linalg.balls import is_negative_along
 from trigpoint.linalg.equations import near_singular_allowed
-from trigpoint.linalg.verified import collatz_wielandt_upper, down, rayleigh_upper, up
+from trigpoint.linalg.verified import collatz_wielandt_upper, rayleigh_upper
 from trigpoint.observers.certificate import ClaimRecord
 from trigpoint.observers.network import DiffusiveObserver
 
@@ -55,5 +55,5 @@ def proves(record: ClaimRecord, observer: DiffusiveObserver, rate: float, floor:
         return False
     if not is_negative_along(P, v):
         return False
-    ends = (down(observer.gain * floor), up(observer.gain * ceiling))
+    ends = gain_range(observer, floor, ceiling)
     return all(mode_decreases(observer, P, rate, g) for g in ends)

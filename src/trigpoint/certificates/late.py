@@ -50,6 +50,14 @@ def decreases_late(observer: DiffusiveObserver, P: FloatArray, R: FloatArray, de
     return is_positive(-(rest + (flow.T @ (r @ flow)).times(delay).times(delay)))
 
 
+def _seems_late(observer: DiffusiveObserver, P: FloatArray, R: FloatArray, delay: float, g: float) -> bool:
+    """The same in plain floats: what fails here need not be tried in earnest."""
+    A, B = observer.agent.A, -g * (observer.injection @ observer.agent.C)
+    drift, corner, flow = P @ A, R + P @ B, np.hstack([A, B])
+    F = np.block([[drift + drift.T - R, corner], [corner.T, -R]]) + delay**2 * (flow.T @ R @ flow)
+    return bool(np.isfinite(F).all()) and float(np.linalg.eigvalsh(0.5 * (F + F.T))[-1]) < 0.0
+
+
 def prove(observer: DiffusiveObserver, delay: float, low: float, high: float) -> Pieces | None:
     """Cover ``[low, high]``; a piece that cannot be proved is halved, at most 96 pieces in all. None: not proved."""
     waiting, done, count = [(low, high)], [], 0
@@ -98,7 +106,10 @@ def _pair(observer: DiffusiveObserver, delay: float, left: float, right: float) 
             for share in _SHARES:
                 R = balance * part + share * unit * P / float(np.linalg.norm(P, 2))
                 R = 0.5 * (R + R.T)
-                if _proved(observer, P, R, delay, left, right):
+                ends = (left, right)
+                if all(_seems_late(observer, P, R, delay, end) for end in ends) and _proved(
+                    observer, P, R, delay, left, right
+                ):
                     return P, R
     return None
 

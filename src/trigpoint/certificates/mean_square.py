@@ -97,7 +97,9 @@ class MeanSquareStability(Claim):
 
 def _step(observer: NetworkObserver, period: float) -> tuple[float, float] | None:
     """Bounds of ``period gain k c``."""
-    if not isinstance(observer, DiffusiveObserver) or not (np.isfinite(period) and period > 0.0 and observer.gain > 0.0):
+    if not isinstance(observer, DiffusiveObserver) or not (
+        np.isfinite(period) and period > 0.0 and observer.gain > 0.0
+    ):
         return None
     pull = static_pull(observer)
     if pull is None or observer.agent.n_states != 1:
@@ -125,6 +127,7 @@ class _Moment:
         spread = p * (1.0 - p) * (self.step * self.weight) ** 2
         return np.asarray(M @ X @ M + (G * (spread * np.einsum("ik,ij,jk->k", G, X, G, optimize=True))) @ G.T)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def with_error(self, X: FloatArray, relative: float) -> tuple[FloatArray, FloatArray]:
         """S(X), and a bound of its error from rounding and a ``relative`` error of the step."""
         N, arcs = self.G.shape

@@ -14,12 +14,12 @@ from trigpoint.analysis.noise import mu_star
 from trigpoint.arrays import FloatArray
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.convergence import lyapunov_matrix
-from trigpoint.certificates.decrease import mode_ball
+from trigpoint.certificates.decrease import gain_range, mode_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.errors import ArgumentError
 from trigpoint.linalg.balls import Ball, is_positive
 from trigpoint.linalg.equations import near_singular_allowed
-from trigpoint.linalg.verified import down, gam, is_positive_definite, up
+from trigpoint.linalg.verified import gam, is_positive_definite, up
 from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
@@ -93,7 +93,7 @@ class NoiseBudget(Claim):
             return "inconclusive"
         if not (graph.is_externally_connected and 0.0 < floor <= proved_floor(record, graph)):
             return "inconclusive"
-        ends = (down(observer.gain * floor), up(observer.gain * largest_eigenvalue_bound(graph) * (1.0 + 1e-9)))
+        ends = gain_range(observer, floor, largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
         return "certified" if all(_bounds(observer, X, mu, g) for g in ends) else "inconclusive"
 
 
@@ -101,6 +101,7 @@ def _numbers(mu: float, per_node: float, floor: float) -> dict[str, float]:
     return {"mu": mu, "per_node": per_node, "lambda_floor": floor}
 
 
+@np.errstate(over="ignore")
 def _trace(X: FloatArray) -> float:
     """An upper bound of the trace."""
     diagonal = np.abs(np.diagonal(X))

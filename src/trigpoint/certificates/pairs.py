@@ -150,35 +150,35 @@ def _next(H: Fine, R: FloatArray, S: FloatArray, best: Pair | None, wanted: floa
     goal, reached = -float(np.linalg.eigvals(S).real.max()), 0.0 if best is None else best.rate
     if wanted is not None and wanted < goal:
         goal = wanted + 0.5 * (goal - wanted)
-    U, Z = la.schur(S)
+    schur, basis = la.schur(S)
     for share in _CLIMB_SHARES if goal > reached else ():
         rate = reached + share * (goal - reached)
-        factor = _factor(U, Z, rate)
+        factor = _factor(schur, basis, rate)
         pair = None if factor is None else _between(H, factor @ R, rate, wanted)
         if pair is not None:
             return pair
     return None
 
 
-def _factor(U: FloatArray, Z: FloatArray, rate: float) -> FloatArray | None:
-    """F with ``F' F`` the Lyapunov solution of ``Z U Z' + rate I``; None where its condition is above 1e10."""
-    n = U.shape[0]
-    shifted = U + rate * np.eye(n)
-    (trsyl,) = la.get_lapack_funcs(("trsyl",), (U,))
-    Y, scale, _ = trsyl(shifted, shifted, -np.eye(n), trana="T")
-    if not (scale > 0.0 and np.isfinite(Y).all()):
+def _factor(schur: FloatArray, basis: FloatArray, rate: float) -> FloatArray | None:
+    """F with ``F' F`` the Lyapunov solution of ``basis schur basis' + rate I``; None where that is ill-conditioned."""
+    n = schur.shape[0]
+    shifted = schur + rate * np.eye(n)
+    (trsyl,) = la.get_lapack_funcs(("trsyl",), (schur,))
+    solution, scale, _ = trsyl(shifted, shifted, -np.eye(n), trana="T")
+    if not (scale > 0.0 and np.isfinite(solution).all()):
         return None
-    values, vectors = np.linalg.eigh(0.5 * (Y + Y.T))
+    values, vectors = np.linalg.eigh(0.5 * (solution + solution.T))
     if not 0.0 < values[-1] < _WORST_STEP * values[0]:
         return None
-    return np.asarray((np.sqrt(values / values[-1])[:, None] * vectors.T) @ Z.T)
+    return np.asarray((np.sqrt(values / values[-1])[:, None] * vectors.T) @ basis.T)
 
 
 def _between(H: Fine, R: FloatArray, reached: float, wanted: float | None) -> Pair | None:
     """R with its inverse, if they prove the ``wanted`` rate or one just below the rate ``reached``."""
     R = np.asarray(R / np.abs(R).max())
     try:
-        T = np.linalg.inv(R)
+        T = np.asarray(np.linalg.inv(R), dtype=np.float64)
     except np.linalg.LinAlgError:
         return None
     rates = [wanted] if wanted is not None and reached > wanted else []

@@ -132,7 +132,8 @@ def _reach(gain: FloatArray, rows: FloatArray) -> BoolArray:
 def _add(total: Fine, place: tuple[slice, slice], part: Fine, reach: BoolArray) -> None:
     """Add in place; where no product reaches, the sum keeps its radius."""
     added = total.block(*place) + Fine(part.middle, part.low, np.where(reach, part.radius, 0.0))
-    for whole, piece in zip((total.middle, total.low, total.radius), (added.middle, added.low, added.radius), strict=True):
+    parts = ((total.middle, added.middle), (total.low, added.low), (total.radius, added.radius))
+    for whole, piece in parts:
         whole[place] = piece
 
 

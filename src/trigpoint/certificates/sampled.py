@@ -175,6 +175,8 @@ def _step(observer: NetworkObserver, period: float) -> tuple[Ball | None, str]:
         return None, "more than 600 states, or an observer without programs"
     if any(node.acceleration is not None for node in observer.nodes):
         return None, "an accelerated exchange is no constant map"
+    if observer.is_discrete and not all(node.exchange == "discrete" for node in observer.nodes):
+        return None, "some programs are maps and others differential equations"
     moving = any(node.A.any() for node in observer.nodes)
     if any(node.exchange == "euler" for node in observer.nodes) and moving:
         return None, "Euler steps of moving agents do not follow the truth exactly"

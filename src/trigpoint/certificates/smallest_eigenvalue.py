@@ -66,14 +66,17 @@ class SmallestEigenvalue(Claim):
         lower, upper = number(record, "lower"), number(record, "upper")
         if not graph.is_externally_connected:
             return "refuted"
-        if not 0.0 < lower <= upper:
+        if not lower > 0.0:
             return "inconclusive"
         if graph.dimension > 1:
             bound = smallest_eigenvalue(graph)
             floor, ceiling = bound.lower, bound.upper
         else:
             matrix, v = couplings(graph), witness(record, "v", (graph.n_nodes,))
-            floor, ceiling = proved_floor(record, graph), min(rayleigh_upper(matrix, v), collatz_wielandt_upper(matrix, v))
+            floor, ceiling = (
+                proved_floor(record, graph),
+                min(rayleigh_upper(matrix, v), collatz_wielandt_upper(matrix, v)),
+            )
         if ceiling < lower or upper < floor:
             return "refuted"
         return "certified" if lower <= floor and ceiling <= upper else "inconclusive"

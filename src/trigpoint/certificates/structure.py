@@ -10,9 +10,11 @@ from scipy.sparse.csgraph import connected_components
 
 from trigpoint.arrays import FloatArray, IntArray
 from trigpoint.certificates import pairs
+from trigpoint.certificates.base import witness
 from trigpoint.linalg.balls import Ball, decays
 from trigpoint.linalg.fine import Fine
 from trigpoint.linalg.verified import is_positive_definite
+from trigpoint.observers.certificate import ClaimRecord
 
 
 def blocks_of(H: Ball) -> list[IntArray]:
@@ -36,15 +38,14 @@ def _part(H: Ball, block: IntArray) -> Ball:
     return Ball(H.middle[own], H.radius[own])
 
 
-def proves(witness: FloatArray, H: Ball, rate: float) -> bool:
-    """Prove ``rate`` for every block from its own Lyapunov matrix in ``witness``."""
+def proves(record: ClaimRecord, H: Ball, rate: float) -> bool:
+    """Prove ``rate`` for every block from its own Lyapunov matrix in the ``record``'s witness ``blocks``."""
     blocks = blocks_of(H)
-    if witness.shape != (sum(block.shape[0] ** 2 for block in blocks),):
-        return False
+    packed_matrices = witness(record, "blocks", (sum(block.shape[0] ** 2 for block in blocks),))
     start = 0
     for block in blocks:
         size = block.shape[0]
-        P = witness[start : start + size * size].reshape(size, size)
+        P = packed_matrices[start : start + size * size].reshape(size, size)
         start += size * size
         if not (is_positive_definite(P) and decays(P, _part(H, block), rate)):
             return False

@@ -15,10 +15,10 @@ from trigpoint.arrays import FloatArray
 from trigpoint.certificates import pairs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.convergence import lyapunov_matrix
-from trigpoint.certificates.decrease import mode_ball, mode_decreases
+from trigpoint.certificates.decrease import gain_range, mode_ball, mode_decreases
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
-from trigpoint.linalg.verified import down, is_positive_definite, up
+from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
@@ -125,7 +125,7 @@ class SwitchingStability(Claim):
             return "inconclusive"
         if nodes != 0.0 and not _covers(nodes, floor, ceiling):
             return "inconclusive"
-        ends = (down(observer.gain * floor), up(observer.gain * ceiling))
+        ends = gain_range(observer, floor, ceiling)
         return "certified" if all(mode_decreases(observer, P, rate, g) for g in ends) else "inconclusive"
 
 
@@ -134,7 +134,7 @@ def _grows(record: ClaimRecord, observer: DiffusiveObserver, P: FloatArray, ends
     v = witness(record, "growing", P.shape[:1])
     if not 0.0 < ends[0] <= ends[1]:
         return False
-    enclosures = ((down(observer.gain * end), up(observer.gain * end)) for end in ends)
+    enclosures = (gain_range(observer, end, end) for end in ends)
     return any(all(pairs.grows(P, v, mode_ball(observer, g), 0.0) for g in pair) for pair in enclosures)
 
 

@@ -65,7 +65,7 @@ class Ball:
     @np.errstate(over="ignore", invalid="ignore")
     def kron(self, other: Ball) -> Ball:
         """The Kronecker product."""
-        middle = np.kron(self.middle, other.middle)
+        middle = np.asarray(np.kron(self.middle, other.middle), dtype=np.float64)
         theirs = np.abs(other.middle) + other.radius
         radius = np.kron(np.abs(self.middle), other.radius) + np.kron(self.radius, theirs) + gam(1.0) * np.abs(middle)
         return Ball(middle, _outward(radius))

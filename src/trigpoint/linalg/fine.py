@@ -1,7 +1,7 @@
 """Matrices known to about twice the digits of a float: two floats and a radius an entry, products without rounding.
 
-A float is cut into slices of few bits: products of slices, and their sums, are whole numbers below 2^53 times a power of
-two, which every BLAS adds without rounding, in any order. Source: Ozaki2012.
+A float is cut into slices of few bits: products of slices, and their sums, are whole numbers below 2^53 times a power
+of two, which every BLAS adds without rounding, in any order. Source: Ozaki2012.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from trigpoint.arrays import FloatArray
 from trigpoint.linalg.balls import Ball, is_positive
 from trigpoint.linalg.verified import gam
 
-_SLICES = 3
+_SLICES = 4
 _FLOOR = 2.0**-1000
 _WIDEST = 300  # exponents beyond it might let a slice under- or overflow
 _OUTWARD = 1.0 + 2.0**-40
@@ -66,9 +66,9 @@ class Fine:
 
 @np.errstate(over="ignore", invalid="ignore")
 def product(A: FloatArray, B: FloatArray) -> Fine:
-    """``A B`` of stored matrices (r, n) and (n, c), to some 66 bits of ``n max |a_i| max |b_j|``.
+    """``A B`` of stored matrices (r, n) and (n, c), to some 88 bits of ``n max |a_i| max |b_j|``.
 
-    Cost: nine products of that size.
+    Cost: sixteen products of that size.
     """
     terms = A.shape[1]
     if not (_is_moderate(A) and _is_moderate(B)):
@@ -81,7 +81,7 @@ def product(A: FloatArray, B: FloatArray) -> Fine:
         for i in range(max(0, k - _SLICES + 1), min(k, _SLICES - 1) + 1):
             part = left[i] @ right[k - i]
             total = total + Fine(part, np.zeros_like(part), np.zeros_like(part))
-    # What is left of a row of A is below max |a_i| 2^-(3 bits); so for the columns of B, and for both together.
+    # What is left of a row of A is below max |a_i| 2^-(4 bits); so for the columns of B, and for both together.
     rest = 3.0 * terms * 2.0 ** (-_SLICES * bits) * rows * columns
     return Fine(total.middle, total.low, total.radius + rest * _OUTWARD)
 
