@@ -63,7 +63,7 @@ def test_rotated_only_the_stored_matrix_counts() -> None:
     faster = dataclasses.replace(record, numbers={**record.numbers, "rate": 1.0001 * truth})
     assert Convergence.verify(faster, problem, observer) == "inconclusive"
     for name in ("R", "T"):
-        for other in (-record.witness[name] + 1e-3, np.eye(R.shape[0]), 0.0 * R):
+        for other in (record.witness[name].T, np.eye(R.shape[0]), 0.0 * R):
             spoilt = dataclasses.replace(record, witness={**record.witness, name: other})
             assert Convergence.verify(spoilt, problem, observer) == "inconclusive"
 
@@ -75,6 +75,10 @@ def test_a_wanted_rate_of_a_deep_cascade_is_proved_or_refuted() -> None:
         record = Convergence(rate=rate).check(problem, observer)
         assert (record.verdict, record.numbers["rate"]) == (verdict, rate)
         assert Convergence.verify(record, problem, observer) == verdict
+    assert {"R", "T", "P", "growing"} <= set(record.witness)
+    for name in ("R", "T", "P", "growing"):
+        spoilt = dataclasses.replace(record, witness={**record.witness, name: 0.0 * record.witness[name]})
+        assert Convergence.verify(spoilt, problem, observer) == "inconclusive"
 
 
 def drawn_cascade(shortcuts: int):

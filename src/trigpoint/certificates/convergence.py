@@ -87,7 +87,7 @@ class Convergence(Claim):
         if pair is not None:
             text = f"the error decays at least at {rate:.9g} /s"
             return self._record("certified", rate, floor, {**pair.arrays, "whole": _MARK}, text)
-        growing = pairs.growing_witness(H, rate)
+        growing = pairs.growing_witness(H, fine, rate)
         if growing is not None:
             return self._record("refuted", rate, floor, {**growing, "whole": _MARK}, _slower(rate))
         return self._record("inconclusive", rate, floor, {}, f"no decay at {rate:.9g} /s could be proved")
@@ -169,8 +169,7 @@ def _verify_programs(record: ClaimRecord, observer: AssembledObserver) -> Outcom
 def _judged(record: ClaimRecord, H: Ball, fine: Callable[[], Fine], rate: float) -> Outcome:
     """The outcome for the whole of H, from P (or its factors R and T) or from P and a growing direction."""
     if "growing" in record.witness:
-        P, v = witness(record, "P", H.middle.shape), witness(record, "growing", H.middle.shape[:1])
-        return "refuted" if pairs.grows(P, v, H, rate) else "inconclusive"
+        return "refuted" if pairs.refutes(record, H, fine, rate) else "inconclusive"
     return "certified" if pairs.proves(record, H, fine, rate) else "inconclusive"
 
 

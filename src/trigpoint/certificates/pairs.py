@@ -12,7 +12,7 @@ from trigpoint.arrays import FloatArray
 from trigpoint.certificates.base import witness
 from trigpoint.linalg.balls import Ball, decays, is_negative_along
 from trigpoint.linalg.equations import near_singular_allowed
-from trigpoint.linalg.fine import Fine, between, decays_between
+from trigpoint.linalg.fine import Fine, between, decays_between, decreases_between
 from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.certificate import ClaimRecord
 
@@ -21,6 +21,7 @@ _HALVINGS, _QUICK = 6, 200
 _ENOUGH = 0.98
 _CLIMBS, _WORST_STEP, _WORTHWHILE = 20, 1e10, 2e-3
 _CLIMB_SHARES = (1.0 - 1e-6, 0.99, 0.9, 0.7, 0.4, 0.15)
+_LEVELS = (1.0, 0.5, 0.2, 0.05, 0.01)
 _BELOW = (1e-9, 1e-6, 1e-4, 3e-3)
 
 
@@ -105,15 +106,53 @@ def lyapunov_solution(H: FloatArray, rate: float) -> FloatArray | None:
     return P / largest if np.isfinite(largest) and largest > 0.0 else None
 
 
-def growing_witness(H: Ball, rate: float) -> dict[str, FloatArray] | None:
-    """P and a direction v that prove an eigenvalue of H to the right of ``-rate``; None where there are none."""
-    if not float(np.linalg.eigvals(H.middle).real.max(initial=-np.inf)) > -rate:
+def growing_witness(H: Ball, fine: Callable[[], Fine], rate: float) -> dict[str, FloatArray] | None:
+    """P and a direction v that prove an eigenvalue of H to the right of ``-rate``; None where there are none.
+
+    They may do so for a smaller rate, ``at``: an equation is singular where two eigenvalues add up to -2 rate. Where H
+    is too far from normal, they are taken in the coordinates of a pair (see ``lyapunov_pair``).
+    """
+    true = -float(np.linalg.eigvals(H.middle).real.max(initial=-np.inf))
+    if not true < rate:
         return None
-    P = lyapunov_solution(H.middle, rate)
-    if P is None:
+    levels = [true + share * (rate - true) for share in _LEVELS]
+    for level in levels:
+        plain = _indefinite(H.middle, level)
+        if plain is not None and grows(*plain, H, level):
+            return {"P": plain[0], "growing": plain[1], "at": np.array([level])}
+    exact = fine()
+    pair = _climbed(exact, None)
+    if pair is None:
         return None
-    v = np.linalg.eigh(P)[1][:, 0]
-    return {"P": P, "growing": np.asarray(v)} if grows(P, v, H, rate) else None
+    R, T = pair.arrays["R"], pair.arrays["T"]
+    inner = between(R, exact, T).middle
+    for level in levels:
+        inside = _indefinite(inner, level)
+        if inside is not None and _grows_between(R, T, *inside, exact, level):
+            return {"R": R, "T": T, "P": inside[0], "growing": inside[1], "at": np.array([level])}
+    return None
+
+
+def _indefinite(H: FloatArray, rate: float) -> tuple[FloatArray, FloatArray] | None:
+    P = lyapunov_solution(H, rate)
+    return None if P is None else (P, np.asarray(np.linalg.eigh(P)[1][:, 0]))
+
+
+def refutes(record: ClaimRecord, H: Ball, fine: Callable[[], Fine], rate: float) -> bool:
+    """Prove again what ``growing_witness`` found."""
+    shape = H.middle.shape
+    P, v = witness(record, "P", shape), witness(record, "growing", shape[:1])
+    level = witness(record, "at", (1,)).item()
+    if not level <= rate:
+        return False
+    if "R" not in record.witness:
+        return grows(P, v, H, level)
+    return _grows_between(witness(record, "R", shape), witness(record, "T", shape), P, v, fine(), level)
+
+
+def _grows_between(R: FloatArray, T: FloatArray, Q: FloatArray, v: FloatArray, H: Fine, rate: float) -> bool:
+    """``grows`` for ``P = R' Q R``, negative along ``R^-1 v``."""
+    return bool(np.array_equal(Q, Q.T)) and is_negative_along(Q, v) and decreases_between(R, T, Q, H, rate)
 
 
 def grows(P: FloatArray, v: FloatArray, H: Ball, rate: float) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from trigpoint.certificates.convergence import lyapunov_matrix
 from trigpoint.certificates.decrease import gain_range, mode_ball, mode_decreases
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
+from trigpoint.linalg.fine import Fine
 from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
@@ -95,7 +97,7 @@ class SwitchingStability(Claim):
             if self.verify(record, problem, observer) == "certified":
                 return record
         for g in gains.tolist():
-            growing = pairs.growing_witness(mode_ball(observer, g), 0.0)
+            growing = _growing(observer, g)
             if growing is not None:
                 text = "one node whose anchor has the weight of an end of the range does not decay"
                 record = self._record("refuted", (0.0, floor, ceiling, nodes), growing["P"], text)
@@ -127,6 +129,12 @@ class SwitchingStability(Claim):
             return "inconclusive"
         ends = gain_range(observer, floor, ceiling)
         return "certified" if all(mode_decreases(observer, P, rate, g) for g in ends) else "inconclusive"
+
+
+def _growing(observer: DiffusiveObserver, g: float) -> dict[str, FloatArray] | None:
+    mode = mode_ball(observer, g)
+    found = pairs.growing_witness(mode, partial(Fine.of, mode), 0.0)
+    return None if found is None or "R" in found else {"P": found["P"], "growing": found["growing"]}
 
 
 def _grows(record: ClaimRecord, observer: DiffusiveObserver, P: FloatArray, ends: tuple[float, float]) -> bool:

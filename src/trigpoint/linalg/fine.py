@@ -105,9 +105,17 @@ def decays_between(R: FloatArray, T: FloatArray, H: Fine, rate: float) -> bool:
 
     Args: ``R`` and ``T`` any (n, n), ``H`` (n, n). Source: congruence; Rump (2006), key Rump2006.
     """
-    G, S = product(R, T).ball(), between(R, H, T).ball()
-    square, drift = G.T @ G, G.T @ S
-    return is_positive(square) and is_positive(-(drift + drift.T) - square.times(2.0 * rate))
+    return decreases_between(R, T, np.eye(R.shape[0]), H, rate)
+
+
+def decreases_between(R: FloatArray, T: FloatArray, Q: FloatArray, H: Fine, rate: float) -> bool:
+    """Prove ``P H + H' P + 2 rate P < 0`` for ``P = R' Q R``, and that R has an inverse; Q symmetric, of either sign.
+
+    Args: ``R``, ``T``, ``H`` as in ``decays_between``, ``Q`` (n, n).
+    """
+    G, S, middle = product(R, T).ball(), between(R, H, T).ball(), Ball.exact(Q)
+    square, drift = G.T @ (middle @ G), G.T @ (middle @ S)
+    return is_positive(G.T @ G) and is_positive(-(drift + drift.T) - square.times(2.0 * rate))
 
 
 def _two_sum(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
