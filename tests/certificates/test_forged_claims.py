@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import pytest
 
 import trigpoint as tp
 from tests.certificates.oracle import AGENTS
+from tests.certificates.test_forgeries import places
 from tests.certificates.test_requested_claims import watts_strogatz
 from tests.certificates.test_structure import designed as cascaded
 from tests.certificates.test_structure import ring
@@ -149,6 +151,23 @@ def test_a_forgery_with_right_digests_is_not_believed(forgery: Forgery) -> None:
     if not isinstance(forgery.claim, SampledStability) or forgery.numbers != {"factor": 1.0}:
         assert certify(*honest, [forgery.claim]).verdict == "certified", "the claim that it was forged from is true"
     assert believed(forgery) in ("refused", "inconclusive", "refuted")
+
+
+def test_every_field_of_every_claim_is_sealed() -> None:
+    """One change anywhere, for each claim's certificate: refused for its digest alone."""
+    for claim, given in HONEST:
+        document = json.loads(json.dumps(certificate_document(certify(*given, [claim]))))
+        for at in places(document):
+            for other in (None, 0, "", [], {}):
+                changed = copy.deepcopy(document)
+                owner = changed
+                for key in at[:-1]:
+                    owner = owner[key]
+                if owner[at[-1]] == other:
+                    continue
+                owner[at[-1]] = other
+                with pytest.raises(ProtocolError):
+                    read_certificate(changed)
 
 
 def test_every_claim_is_forged() -> None:

@@ -53,6 +53,7 @@ class Convergence(Claim):
 
     rate: float | None = None
     name: ClassVar[str] = "convergence"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
         """Choose P = Q^-1 from the design's facts and prove the rate, or fall short of it by up to one part in 1e3."""

@@ -47,6 +47,7 @@ class CovarianceBound(Claim):
     process: float = 1.0
     measurement: float = 1.0
     name: ClassVar[str] = "covariance-bound"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004

@@ -42,6 +42,7 @@ class MeanSquareStability(Claim):
     arrival: float = 1.0
     period: float = 0.0
     name: ClassVar[str] = "mean-square-stability"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004

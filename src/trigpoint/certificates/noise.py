@@ -48,6 +48,7 @@ class NoiseBudget(Claim):
 
     mu: float | None = None
     name: ClassVar[str] = "noise-budget"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004

@@ -49,6 +49,7 @@ class SampledStability(Claim):
 
     period: float | None = None
     name: ClassVar[str] = "sampled-stability"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:

@@ -28,6 +28,7 @@ class SmallestEigenvalue(Claim):
     """
 
     name: ClassVar[str] = "smallest-eigenvalue"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:

@@ -57,6 +57,7 @@ class SwitchingStability(Claim):
     ceiling: float | None = None
     max_nodes: int | None = None
     name: ClassVar[str] = "switching-stability"
+    assumptions: ClassVar[tuple[str, ...]] = (*_ASSUMPTIONS, _FAMILY)
 
     @staticmethod
     def over(graphs: Sequence[MeasurementGraph]) -> SwitchingStability:

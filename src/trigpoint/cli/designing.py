@@ -211,7 +211,8 @@ def verify_command(
     observer = _beside(file, "observer", certificate.observer_digest, _OBSERVERS)
     verdict = verify(certificate, problem, observer)
     if as_json:
-        claims = [{"claim": name, "verdict": outcome} for name, outcome in verdict.claims]
+        pairs = zip(verdict.claims, verdict.numbers, strict=True)
+        claims = [{"claim": name, "verdict": outcome, "numbers": dict(found)} for (name, outcome), found in pairs]
         emit({"verdict": verdict.outcome, "claims": claims})
     else:
         console().print(verdict.summary())
