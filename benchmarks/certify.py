@@ -15,6 +15,7 @@ import numpy as np
 
 import trigpoint as tp
 from trigpoint.certificates import Convergence, SmallestEigenvalue, certify, verify
+from trigpoint.observers.network import DiffusiveObserver
 
 
 def seconds(work):
@@ -63,6 +64,19 @@ def grid(rows, columns, moving):
     line(name, took, checked, text)
 
 
+def widest(arcs):
+    """The claim alone, without the documents and digests of a certificate (millions of names)."""
+    side = round(float(np.sqrt(arcs / 2.0)))
+    graph = tp.graphs.grid(side, side, anchors=(0,))
+    problem = tp.NetworkedAgents(graph, tp.LinearAgent.static())
+    observer = DiffusiveObserver("given", problem, np.eye(1), 1.0, 0.0, None)
+    took, record = seconds(lambda: SmallestEigenvalue().check(problem, observer))
+    checked, outcome = seconds(lambda: SmallestEigenvalue.verify(record, problem, observer))
+    low, high = record.numbers["lower"], record.numbers["upper"]
+    text = f"{outcome}: [{low:.12g}, {high:.12g}], {(high - low) / low:.1e} wide, {graph.n_arcs} arcs"
+    line(f"grid {side} x {side}, claim alone", took, checked, text)
+
+
 def cascade(agents, n, ring):
     rng = np.random.default_rng(2)
     T = np.linalg.qr(rng.standard_normal((n, n)))[0]
@@ -90,8 +104,7 @@ def main():
     grid(options.rows, options.rows, moving=False)
     grid(options.rows, options.rows, moving=True)
     if options.arcs:
-        side = round(float(np.sqrt(options.arcs / 2.0)))
-        grid(side, side, moving=False)
+        widest(options.arcs)
     if options.cascade:
         for agents, n, ring in ((20, 6, True), (50, 10, False), (50, 10, True)):
             cascade(agents, n, ring)

@@ -48,10 +48,10 @@ def proves(record: ClaimRecord, H: Ball, fine: Callable[[], Fine], rate: float) 
     return is_positive_definite(P) and decays(P, H, rate)
 
 
-def lyapunov_pair(H: Ball, fine: Callable[[], Fine], wanted: float | None) -> Pair | None:
+def lyapunov_pair(H: Ball, fine: Callable[[], Fine] | None, wanted: float | None) -> Pair | None:
     """A pair for the ``wanted`` rate; for the largest rate that can be proved where none is given; or None.
 
-    Args: ``H`` the matrix up to its rounding errors, ``fine`` gives it to more digits where that is needed.
+    Args: ``H`` the matrix up to its rounding errors; ``fine`` gives it to more digits where needed (None: P only).
 
     First P solves the Lyapunov equation of ``H + a' I`` with a' between the rate and the computed abscissa. Where its
     condition is too large for that (deep cascades: 1e15 and more), the coordinates are changed instead, step by step,
@@ -59,7 +59,7 @@ def lyapunov_pair(H: Ball, fine: Callable[[], Fine], wanted: float | None) -> Pa
     """
     abscissa = float(np.linalg.eigvals(H.middle).real.max(initial=-np.inf))
     found = _direct(H, wanted, abscissa) if abscissa < 0.0 else None
-    if found is not None and (wanted is not None or found.rate > _ENOUGH * -abscissa):
+    if fine is None or (found is not None and (wanted is not None or found.rate > _ENOUGH * -abscissa)):
         return found
     climbed = _climbed(fine(), wanted)
     best = max((pair for pair in (found, climbed) if pair is not None), key=lambda pair: pair.rate, default=None)
@@ -159,7 +159,7 @@ def grows(P: FloatArray, v: FloatArray, H: Ball, rate: float) -> bool:
     """Prove that every H of the ball has an eigenvalue with a real part above ``-rate``.
 
     ``P (H + rate I) + (H + rate I)' P < 0`` with ``v' P v < 0``: as many eigenvalues are on the right as P has negative
-    ones. Source: Lyapunov's inertia theorem; Chetaev.
+    ones (Lyapunov's inertia theorem). Source: theory 8-G5.
     """
     return bool(np.array_equal(P, P.T)) and is_negative_along(P, v) and decays(P, H, rate)
 

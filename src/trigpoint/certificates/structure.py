@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
@@ -12,7 +10,6 @@ from trigpoint.arrays import FloatArray, IntArray
 from trigpoint.certificates import pairs
 from trigpoint.certificates.base import witness
 from trigpoint.linalg.balls import Ball, decays
-from trigpoint.linalg.fine import Fine
 from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.certificate import ClaimRecord
 
@@ -58,11 +55,11 @@ def structured_rate(H: Ball, wanted: float | None) -> tuple[float, FloatArray] |
     if len(blocks) < 2:
         return None
     parts = [_part(H, block) for block in blocks]
-    proofs = [pairs.lyapunov_pair(part, partial(Fine.of, part), wanted) for part in parts]
+    proofs = [pairs.lyapunov_pair(part, None, wanted) for part in parts]
     rate = min((proof.rate if proof is not None else -np.inf for proof in proofs), default=-np.inf)
     if rate == -np.inf:
         return None
     if any(proof is not None and proof.rate != rate for proof in proofs):  # the same rate for all, proved anew
-        proofs = [pairs.lyapunov_pair(part, partial(Fine.of, part), rate) for part in parts]
-    matrices = [proof.arrays["P"] for proof in proofs if proof is not None and "P" in proof.arrays]
+        proofs = [pairs.lyapunov_pair(part, None, rate) for part in parts]
+    matrices = [proof.arrays["P"] for proof in proofs if proof is not None]
     return (rate, packed(matrices)) if len(matrices) == len(blocks) else None

@@ -119,7 +119,7 @@ def decreases_between(R: FloatArray, T: FloatArray, Q: FloatArray, H: Fine, rate
 
 
 def _two_sum(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The rounded sum, and exactly what rounding took. Source: Knuth, *The Art of Computer Programming* 2, 4.2.2."""
+    """The rounded sum, and exactly what rounding took (Knuth's). Source: Ozaki2012."""
     total = a + b
     virtual = total - a
     return total, np.asarray((a - (total - virtual)) + (b - virtual))

@@ -81,7 +81,7 @@ def expands(M: Ball) -> bool:
     """Prove that every matrix of the ball has a spectral radius above 1; False means *not proved*.
 
     ``P - M' P M > 0`` with ``v' P v < 0``: no eigenvalue has modulus 1, and were all inside the circle, P would be the
-    sum of ``M'^k (P - M' P M) M^k``, hence positive. Source: Stein's inertia theorem.
+    sum of ``M'^k (P - M' P M) M^k``, hence positive. By Stein's inertia theorem.
     """
     n = M.middle.shape[0]
     try:
