@@ -94,13 +94,48 @@ def test_any_witness_and_rate_that_pass_are_true() -> None:
     assert certified > 20
 
 
-def test_a_rate_just_above_what_the_witness_allows_is_inconclusive() -> None:
+def test_a_rate_above_what_one_matrix_for_all_modes_allows_is_decided_on_the_whole() -> None:
+    """Up to the true rate it is certified, beyond it refuted; the design guarantees less than the truth."""
     observer = double_integrators()
-    assert record_of(CLAIM, observer).verdict == "certified"
-    for factor, verdict in ((0.999, "certified"), (1.0 + 1e-6, "inconclusive"), (1.1, "inconclusive")):
-        record = record_of(Convergence(rate=factor * observer.decay_rate), observer)
-        assert record.verdict == verdict
-        assert record.numbers["rate"] == factor * observer.decay_rate
+    true, few = float(decay(observer)), record_of(CLAIM, observer)
+    assert few.verdict == "certified"
+    assert "whole" not in few.witness
+    assert observer.decay_rate < 0.99 * true
+    for rate, verdict in (
+        (0.999 * observer.decay_rate, "certified"),
+        (1.001 * observer.decay_rate, "certified"),
+        (true * (1.0 - 1e-7), "certified"),
+        (true * (1.0 + 1e-7), "refuted"),
+        (2.0 * true, "refuted"),
+    ):
+        record = record_of(Convergence(rate=rate), observer)
+        assert (record.verdict, record.numbers["rate"]) == (verdict, rate)
+        assert judged(observer, record) == verdict
+        assert verdict == "refuted" or ("whole" in record.witness) == (rate > observer.decay_rate)
+
+
+def test_where_the_fastest_mode_is_the_slow_one_the_whole_network_refutes() -> None:
+    """At a high gain the mode of the largest eigenvalue is overdamped; no vector for lambda_min shows that."""
+    observer = double_integrators(40.0)
+    true = float(decay(observer))
+    record = record_of(Convergence(rate=true * (1.0 + 1e-7)), observer)
+    assert record.verdict == judged(observer, record) == "refuted"
+    assert record.witness["P"].shape == (8, 8)
+    assert record_of(Convergence(rate=true * (1.0 - 1e-7)), observer).verdict == "certified"
+    beyond = replace(record, numbers={**record.numbers, "rate": 0.9 * true})
+    assert judged(observer, beyond) == "inconclusive"
+    for name in ("P", "growing"):
+        spoilt = replace(record, witness={**record.witness, name: 0.0 * record.witness[name]})
+        assert judged(observer, spoilt) == "inconclusive"
+
+
+def test_a_rate_between_the_two_is_left_open_above_the_size_that_is_decided_as_a_whole() -> None:
+    problem = tp.NetworkedAgents(tp.graphs.chain(200), AGENTS["double integrator"])
+    observer = tp.design(problem, tp.methods.LocalKalman())
+    assert record_of(Convergence(rate=1.1 * observer.decay_rate), observer).verdict == "inconclusive"
+    forged = replace(record_of(CLAIM, observer), witness={"P": np.eye(1000), "whole": np.ones(1)})
+    with pytest.raises(ProtocolError, match="'P' must be floats of shape"):
+        judged(observer, forged)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])

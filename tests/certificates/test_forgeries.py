@@ -132,7 +132,7 @@ def test_no_number_can_be_improved(at: tuple[Any, ...]) -> None:
     value = float(DOCUMENT["claims"][at[1]]["numbers"][at[-1]])
     better = -1.0 if at[-1] == "upper" else 1.0
     for share in (1e-2, 0.1, 0.5):
-        assert outcome(resealed(changed(at, value * (1.0 + better * share)))) == "inconclusive"
+        assert outcome(resealed(changed(at, value * (1.0 + better * share)))) in ("inconclusive", "refuted")
 
 
 def test_claims_of_another_name_or_version_are_refused() -> None:
@@ -253,7 +253,22 @@ def test_the_worst_claim_decides() -> None:
     }
     verdict = verify(certificate, PROBLEM, weak)
     assert verdict.outcome == "inconclusive"
-    assert verdict.summary().splitlines()[1] == "inconclusive: convergence"
+    lines = verdict.summary().splitlines()
+    assert lines[1].startswith("inconclusive: convergence (rate ")
+    assert f"lower {certificate.records[0].numbers['lower']:.9g}" in lines[0]
+    assert lines[2] == "certified: locality"
+
+
+def test_assumptions_are_those_of_the_claim_and_sentences_are_not_believed() -> None:
+    """A forger may write any sentence; what is shown after checking are the numbers that were checked."""
+    fewer = changed(("claims", 1, "assumptions"), DOCUMENT["claims"][1]["assumptions"][:1])
+    for at in (fewer, changed(("claims", 1, "assumptions"), ["any delay and any loss"])):
+        with pytest.raises(ProtocolError, match="states other assumptions than it has"):
+            verify(read_certificate(resealed(at)), PROBLEM, OBSERVER)
+    boast = resealed(changed(("claims", 1, "text"), "the error decays at 1000 /s"))
+    summary = verify(read_certificate(boast), PROBLEM, OBSERVER).summary()
+    assert "1000" not in summary
+    assert f"rate {DOCUMENT['claims'][1]['numbers']['rate']:.9g}" in summary
 
 
 def test_every_error_is_one_of_the_house() -> None:

@@ -11,7 +11,7 @@ import pytest
 import scipy.linalg as la
 
 import trigpoint as tp
-from tests.certificates.oracle import AGENTS, drawn_graph
+from tests.certificates.oracle import AGENTS
 from trigpoint.arrays import transition_and_integral
 from trigpoint.certificates import (
     Convergence,
@@ -21,12 +21,10 @@ from trigpoint.certificates import (
     NoiseBudget,
     Observable,
     SampledStability,
-    SmallestEigenvalue,
     SwitchingStability,
 )
 from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.linalg.modular import is_observable_pair, stays_and_is_unseen
-from trigpoint.observers.network import DiffusiveObserver
 
 
 def watts_strogatz():
@@ -121,7 +119,7 @@ def test_a_sampled_step_is_certified_up_to_its_limit_and_not_beyond(form) -> Non
     nodes = tuple(dataclasses.replace(node, exchange=form, _memo={}) for node in programs.nodes)
     observer = dataclasses.replace(programs, nodes=nodes)
     seen = set()
-    for period in np.geomspace(1e-3, 3.0, 25):
+    for period in np.geomspace(1e-3, 3.0, 15):
         radius = float(np.abs(np.linalg.eigvals(observer.error_map(float(period)).toarray())).max())
         record = SampledStability(float(period)).check(GRID, observer)
         seen.add(record.verdict)
@@ -314,52 +312,6 @@ def test_observability_agrees_with_exact_ranks_on_drawn_pairs() -> None:
         undecided += verdict == "inconclusive"
         assert verdict == "inconclusive" or (verdict == "certified") == truth
     assert undecided <= 4
-
-
-def judged(count: int, seed: int) -> dict[str, list[int]]:
-    """Draw static networks and claims near the edge of the truth: [right, undecided] for each claim; none is wrong.
-
-    Spectra of these Laplacians (unit weights, up to 5 nodes) come out of LAPACK to 1e-14; no claim is nearer than 1e-9.
-    """
-    rng = np.random.default_rng(seed)
-    seen = {name: [0, 0] for name in ("smallest-eigenvalue", "convergence", "switching-stability", "delay-margin")}
-    for _ in range(count):
-        graph = drawn_graph(rng, int(rng.integers(1, 6)))
-        gain = float(rng.uniform(0.3, 3.0))
-        problem = tp.NetworkedAgents(graph, AGENTS["static"])
-        observer = DiffusiveObserver("drawn", problem, np.eye(1), gain, 0.1, None, {})
-        values = np.linalg.eigvalsh(graph.laplacian().toarray())
-        away = 1.0 + float(rng.choice([-1.0, 1.0])) * 10.0 ** rng.uniform(-8.9, -0.5)
-        rate = away * gain * float(values[0])
-        floor = SmallestEigenvalue().check(problem, observer)
-        edge = {"lower": away * float(values[0]), "upper": 2.0 * float(values[0])}
-        outcomes = (
-            SmallestEigenvalue.verify(dataclasses.replace(floor, numbers=edge), problem, observer),
-            Convergence(rate=rate).check(problem, observer).verdict,
-            SwitchingStability(floor=float(values[0]) / away).check(problem, observer).verdict,
-            DelayMargin(away * np.pi / (2.0 * gain * float(values[-1]))).check(problem, observer).verdict,
-        )
-        for name, outcome in zip(seen, outcomes, strict=True):
-            # A floor above the truth is still a floor for switching: it must always be proved.
-            true = away < 1.0 or name == "switching-stability"
-            wrong = {"refuted"} if true else {"certified"}
-            assert outcome not in wrong, (name, away, graph)
-            seen[name][int(outcome == "inconclusive" and (true or name == "delay-margin"))] += 1
-    return seen
-
-
-def test_claims_near_the_edge_are_never_judged_wrongly() -> None:
-    for name, (_, undecided) in judged(300, 0).items():
-        assert undecided <= 3, name
-
-
-@pytest.mark.slow
-def test_a_hundred_thousand_claims_near_the_edge(capsys) -> None:
-    seen = judged(25_000, 1)  # four claims each
-    with capsys.disabled():
-        for name, (right, undecided) in seen.items():
-            print(f"\n{name}: {right} right, {undecided} undecided", end="")
-            assert undecided < 0.01 * (right + undecided)
 
 
 @pytest.mark.parametrize(

@@ -115,22 +115,23 @@ def test_the_text_of_a_refusal_names_the_nodes() -> None:
     assert "dock" not in text
 
 
-def test_numbers_beyond_what_the_witness_proves_are_inconclusive() -> None:
+def test_numbers_beyond_what_the_witness_proves_are_not_certified() -> None:
     observer = observer_on(drawn_graph(np.random.default_rng(5), 5))
     record = record_of(CLAIM, observer)
     lower, upper = record.numbers["lower"], record.numbers["upper"]
-    for numbers in (
-        {"lower": upper * 1.001, "upper": upper},
-        {"lower": lower, "upper": lower * 0.999},
-        {"lower": upper * 2, "upper": upper * 3},
-        {"lower": 0.0, "upper": upper},
-        {"lower": -1.0, "upper": upper},
-        {"lower": np.nan, "upper": upper},
-        {"lower": lower, "upper": np.nan},
-        {"lower": np.inf, "upper": np.inf},
+    for numbers, verdict in (
+        ({"lower": upper * 1.001, "upper": upper}, "refuted"),
+        ({"lower": lower, "upper": lower * 0.999}, "refuted"),
+        ({"lower": upper * 2, "upper": upper * 3}, "refuted"),
+        ({"lower": np.inf, "upper": np.inf}, "refuted"),
+        ({"lower": 0.5 * (lower + upper), "upper": upper}, "inconclusive"),
+        ({"lower": 0.0, "upper": upper}, "inconclusive"),
+        ({"lower": -1.0, "upper": upper}, "inconclusive"),
+        ({"lower": np.nan, "upper": upper}, "inconclusive"),
+        ({"lower": lower, "upper": np.nan}, "inconclusive"),
     ):
         forged = replace(record, numbers=numbers)
-        assert CLAIM.verify(forged, observer.problem, observer) == "inconclusive", numbers
+        assert CLAIM.verify(forged, observer.problem, observer) == verdict, numbers
 
 
 def test_a_witness_that_is_not_positive_proves_nothing() -> None:

@@ -14,6 +14,8 @@ import pytest
 
 from tests.cli.shelled import SCENARIO, json_of, refused, trigpoint, written
 from trigpoint.arrays import digest_of, encode_array
+from trigpoint.certificates import CLAIMS
+from trigpoint.io import text
 
 DOCUMENTS = ("certificate.json", "problem.json", "observer.json")
 
@@ -183,12 +185,78 @@ def strange(document: Any) -> None:
     document["problem"] = "0" * 64
 
 
-@pytest.mark.parametrize("forge", [faster, higher_floor, higher_bound, lower_bound, indefinite])
-def test_a_forgery_with_a_right_digest_and_false_numbers_is_inconclusive(folder: Path, forge: Any) -> None:
+@pytest.mark.parametrize(
+    ("forge", "verdict"),
+    [
+        (faster, "inconclusive"),
+        (higher_floor, "inconclusive"),
+        (higher_bound, "refuted"),
+        (lower_bound, "refuted"),
+        (indefinite, "inconclusive"),
+    ],
+)
+def test_a_forgery_with_a_right_digest_and_false_numbers_is_not_believed(
+    folder: Path, forge: Any, verdict: str
+) -> None:
     resealed(folder, forge)
     result = trigpoint("verify", folder / "certificate.json", "--json")
-    assert result.exit_code == 3
-    assert json_of(result)["verdict"] == "inconclusive"
+    assert result.exit_code == {"refuted": 1, "inconclusive": 3}[verdict]
+    assert json_of(result)["verdict"] == verdict
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_a_truncated_file_is_refused(folder: Path, name: str) -> None:
+    data = (folder / name).read_bytes()
+    for share in (0.0, 0.1, 0.5, 0.9, 0.999):
+        (folder / name).write_bytes(data[: int(share * len(data.rstrip()))])
+        refused(check(folder), name)
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_an_oversized_file_is_refused_before_it_is_read(
+    folder: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    size = (folder / name).stat().st_size
+    monkeypatch.setattr(text, "LARGEST_FILE", 10 * size)
+    with (folder / name).open("ab") as stream:
+        stream.write(b" " * 10 * size)
+    refused(check(folder), name, f"at most {10 * size} bytes")
+
+
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity", "1e999"])
+def test_a_number_that_is_none_is_refused(folder: Path, value: str) -> None:
+    data = (folder / "certificate.json").read_text(encoding="utf-8")
+    rate = repr(claim(json.loads(data), "convergence")["numbers"]["rate"])
+    assert rate in data
+    written(folder, "certificate.json", data.replace(rate, value))
+    refused(check(folder), "certificate.json")
+
+
+def test_every_claim_has_an_option(folder: Path) -> None:
+    options = ("--rate", 0.01, "--period", 0.01, "--delay", 0.001, "--max-nodes", 8, "--mu", 0.1, "--observable")
+    result = trigpoint("certify", folder / "observer.json", *options, "--json")
+    stated = [entry["claim"] for entry in json_of(result)["claims"]]
+    more = (
+        "--arrival",
+        0.9,
+        "--period",
+        0.01,
+        "--floor",
+        0.5,
+        "--ceiling",
+        2.0,
+        "--process",
+        0.1,
+        "--measurement",
+        0.2,
+    )
+    result = trigpoint("certify", folder / "observer.json", *more, "--json")
+    further = {entry["claim"]: entry["numbers"] for entry in json_of(result)["claims"]}
+    assert {*stated, *further} == {kind.name for kind in CLAIMS}
+    assert len(stated) == len(set(stated))
+    assert (further["switching-stability"]["floor"], further["switching-stability"]["ceiling"]) == (0.5, 2.0)
+    assert (further["covariance-bound"]["process"], further["covariance-bound"]["measurement"]) == (0.1, 0.2)
+    refused(trigpoint("certify", folder / "observer.json", "--arrival", 0.9), "--arrival needs --period")
 
 
 @pytest.mark.parametrize(

@@ -40,3 +40,28 @@ def test_contraction_is_proved_near_one_and_not_beyond() -> None:
         assert not contracts(np.eye(4), Ball.exact(M), 1.0 - 1e-10)
         wide = Ball(M, np.full((4, 4), 1e-3))
         assert not contracts(np.eye(4), wide, 1.0 + 1e-4)
+
+
+def test_a_norm_beyond_all_squarings_leaves_everything_unknown() -> None:
+    for scale, duration in ((1e3, 1e308), (1.0, 1e13), (1e300, 1e300)):
+        for ball in transition_and_integral(Ball.exact(scale * np.eye(2)), duration):
+            assert np.isinf(ball.radius).all()
+
+
+def test_products_of_balls_stay_inside_under_every_operation() -> None:
+    """A chain of sums, products and Kronecker products against fractions drawn inside the balls."""
+    rng = np.random.default_rng(11)
+    for _ in range(60):
+        A, B = (Ball(rng.standard_normal((3, 3)), 10.0 ** rng.uniform(-12, -1) * rng.random((3, 3))) for _ in range(2))
+        with mpmath.workdps(40):
+            inside = [
+                mpmath.matrix((ball.middle + 0.999 * ball.radius * rng.choice([-1.0, 1.0], (3, 3))).tolist())
+                for ball in (A, B)
+            ]
+            found = ((A @ B.T).times(0.3) - B).kron(A)
+            flat = inside[0] * inside[1].T * mpmath.mpf(0.3) - inside[1]
+            for i in range(9):
+                for j in range(9):
+                    truth = flat[i // 3, j // 3] * inside[0][i % 3, j % 3]
+                    gap = abs(truth - mpmath.mpf(float(found.middle[i, j])))
+                    assert gap <= mpmath.mpf(float(found.radius[i, j]))

@@ -260,3 +260,23 @@ def test_verified_cholesky_bounds_the_chain_from_below(n, rel) -> None:
     chain[-1, -1] = 1.0
     assert is_positive_definite(chain - exact * (1 - rel) * np.eye(n), 4 * UNIT_ROUNDOFF * np.eye(n))
     assert not is_positive_definite(chain - exact * (1 + rel) * np.eye(n))
+
+
+def test_a_run_that_overflows_proves_nothing() -> None:
+    """Some libraries pass over a pivot that is not a number."""
+    tiny = 1e-250
+    assert not is_positive_definite(np.array([[tiny, 0.0, 1e200], [0.0, tiny, 0.0], [1e200, 0.0, tiny]]))
+
+
+@pytest.mark.parametrize("radius", [np.nan, np.inf])
+def test_a_radius_that_is_no_number_proves_nothing(radius) -> None:
+    assert not is_positive_definite(np.eye(2), radius)
+    assert not is_positive_definite(np.eye(2), np.array([[0.0, 0.0], [radius, 0.0]]))
+
+
+def test_squares_that_underflow_before_a_large_weight_are_not_lost() -> None:
+    matrix = Couplings(2, np.array([0]), np.array([1]), np.array([1e-200]), np.array([1]), np.array([1e300]))
+    x = np.array([1.0, 1e-170])
+    low, high = matrix.quadratic_form(x)
+    exact = sum((Fraction(float(a)) * b for a, b in zip(x, exact_apply(matrix, x), strict=True)), Fraction(0))
+    assert Fraction(low) <= exact <= Fraction(high)

@@ -199,7 +199,7 @@ def _block_bounds(
         dense = laplacian.toarray()
         dense = 0.5 * (dense + dense.T)
         # Assembly of the diagonal blocks rounds: at most (number of arcs + 1) u of the sum of absolute entries.
-        radius = 2.0**-52 * (graph.n_arcs + 2) * _absolute_assembly(graph)
+        radius = 2.0**-52 * (graph.n_arcs + 2) * absolute_assembly(graph)
         for shift in (1e-9, 1e-6, 1e-3, 0.1):
             trial = down(value * (1.0 - shift))
             shifted = dense - trial * np.eye(dense.shape[0])
@@ -211,7 +211,7 @@ def _block_bounds(
     return lower, max(quotient, lower), witness
 
 
-def _absolute_assembly(graph: MeasurementGraph) -> FloatArray:
+def absolute_assembly(graph: MeasurementGraph) -> FloatArray:
     """``|G| |W| |G|'`` dense, symmetric: the sizes of what was added up in L, where entries may have cancelled."""
     size = graph.dimension
     incidence = abs(graph.incidence())
@@ -238,6 +238,7 @@ def _block_rayleigh_upper(graph: MeasurementGraph, vector: FloatArray) -> float:
     terms = np.einsum("ki,kij,kj->k", difference, weight, difference)
     size = np.einsum("ki,kij,kj->k", np.abs(difference), np.abs(weight), np.abs(difference))
     slack = 2.0**-53 * (2.0 * graph.n_arcs + 4.0 * graph.dimension**2 + 16.0)
-    high = float(terms.sum()) + slack * float(size.sum()) * (1.0 + slack)
+    lost = 2.0**-1000 * weight.size  # what may have underflowed
+    high = float(terms.sum()) + slack * float(size.sum()) * (1.0 + slack) + lost
     squares = float(vector @ vector) * (1.0 - 2.0**-53 * (2.0 * vector.shape[0] + 8.0))
     return float(np.nextafter(high * (1.0 + 2.0**-50) / squares, np.inf))

@@ -18,9 +18,14 @@ class Claim(ABC):
     """A statement about an observer: ``check`` finds a witness for it, ``verify`` re-evaluates the witness.
 
     ``verify`` trusts nothing in the record: not its verdict, not its numbers.
+
+    Attributes:
+        name: what records call it.
+        assumptions: what it takes for granted, in words; a record that says otherwise is refused.
     """
 
     name: ClassVar[str]
+    assumptions: ClassVar[tuple[str, ...]]
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004 (most claims concern every observer)

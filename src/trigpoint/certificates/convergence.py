@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -11,16 +13,19 @@ import scipy.linalg as la
 from trigpoint.analysis.eigenvalue import smallest_eigenvalue
 from trigpoint.analysis.modes import largest_eigenvalue_bound
 from trigpoint.arrays import FloatArray
-from trigpoint.certificates import growth, programs, structure
+from trigpoint.certificates import growth, pairs, programs, structure
 from trigpoint.certificates.base import Claim, number, witness
-from trigpoint.certificates.decrease import decreases, mode_decreases
+from trigpoint.certificates.decrease import gain_range, mode_decreases, network_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
-from trigpoint.linalg.verified import down, is_positive_definite, up
+from trigpoint.linalg.balls import Ball, decays
+from trigpoint.linalg.fine import Fine
+from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
-_DENSE_LIMIT = 600
+_WHOLE = 300
+_MARK = np.ones(1)
 _ASSUMPTIONS = (
     "continuous exchange without delay or loss",
     "every agent follows the model A of the problem's document",
@@ -36,7 +41,9 @@ class Convergence(Claim):
     eigenvalue in ``[l, u]``: l is proved by a positive vector, u by the degrees. Networks with weight blocks are
     proved as a whole up to 600 states, and so are observers given by programs: ``P H + H' P + 2 rate P < 0`` for
     the assembled error matrix H, after a proof that the truth does not drive the error; block by block where the
-    stored H is block triangular after a permutation.
+    stored H is block triangular after a permutation; by the factors of P where its condition exceeds what a matrix of
+    floats can hold (deep cascades). A rate that is asked for and that no common P proves is decided on the whole of H
+    up to 300 states, and refuted where an indefinite P shows an eigenvalue to the right of it.
 
     Args:
         rate: the rate to prove, 1/s; the design's guaranteed rate, less a hair for rounding, unless given.
@@ -46,6 +53,7 @@ class Convergence(Claim):
 
     rate: float | None = None
     name: ClassVar[str] = "convergence"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
         """Choose P = Q^-1 from the design's facts and prove the rate, or fall short of it by up to one part in 1e3."""
@@ -65,33 +73,47 @@ class Convergence(Claim):
                 return record
         slower = growth.witness(observer, max(wanted, 0.0), bound)
         if slower is not None:
-            text = (
-                f"an error that shrinks slower than {wanted:.9g} /s" if wanted > 0.0 else "an error that never shrinks"
-            )
-            record = self._record("refuted", max(wanted, 0.0), bound.lower, slower, f"there is {text}")
+            record = self._record("refuted", max(wanted, 0.0), bound.lower, slower, _slower(wanted))
             if self.verify(record, problem, observer) == "refuted":
                 return record
+        if self.rate is not None and 0.0 < self.rate < np.inf and observer.states.total <= _WHOLE:
+            H = network_ball(observer)
+            return self._decided(H, partial(Fine.of, H), self.rate, bound.lower)
         text = f"no decay at {wanted:.9g} /s could be proved" if wanted > 0.0 else "no decay could be proved"
         return self._record("inconclusive", wanted, bound.lower, arrays, text)
 
+    def _decided(self, H: Ball, fine: Callable[[], Fine], rate: float, floor: float) -> ClaimRecord:
+        """A ``rate`` proved or refuted on the whole error matrix."""
+        pair = pairs.lyapunov_pair(H, fine, rate)
+        if pair is not None:
+            text = f"the error decays at least at {rate:.9g} /s"
+            return self._record("certified", rate, floor, {**pair.arrays, "whole": _MARK}, text)
+        growing = pairs.growing_witness(H, fine, rate)
+        if growing is not None:
+            return self._record("refuted", rate, floor, {**growing, "whole": _MARK}, _slower(rate))
+        return self._record("inconclusive", rate, floor, {}, f"no decay at {rate:.9g} /s could be proved")
+
     def _check_programs(self, observer: AssembledObserver) -> ClaimRecord:
-        """A Lyapunov matrix of the assembled error matrix (theory 8-G5)."""
+        """A Lyapunov pair of the assembled error matrix (theory 8-G5)."""
         if observer.states.total > programs.DENSE_LIMIT or not _is_continuous(observer):
             reason = "a sampled observer" if not _is_continuous(observer) else f"{observer.states.total} states"
             return self._record("inconclusive", 0.0, 0.0, {}, f"no decay could be proved: {reason}")
         if not programs.error_is_autonomous(observer):
             return self._record("inconclusive", 0.0, 0.0, {}, "no decay could be proved: the truth may drive the error")
-        stored = programs.error_magnitude(observer)
-        by_blocks = structure.structured_rate(*stored, self.rate)
-        if by_blocks is not None:
+        H, fine = programs.error_magnitude(observer), partial(programs.error_to_more_digits, observer)
+        by_blocks = structure.structured_rate(H, self.rate)
+        if by_blocks is not None and by_blocks[0] > 0.0:
             rate, P = by_blocks
             text = f"the error decays at least at {rate:.9g} /s, through the exact zeros of the stored matrix"
             return self._record("certified", rate, 0.0, {"blocks": P}, text)
-        found = programs.lyapunov_rate(*stored, self.rate)
-        if found is None:
+        if self.rate is not None and 0.0 < self.rate < np.inf:
+            return self._decided(H, fine, self.rate, 0.0)
+        pair = pairs.lyapunov_pair(H, fine, None) if self.rate is None else None
+        if pair is None or not pair.rate > 0.0:
             return self._record("inconclusive", self.rate or 0.0, 0.0, {}, "no decay could be proved")
-        rate, P = found
-        return self._record("certified", rate, 0.0, {"P": P}, f"the error decays at least at {rate:.9g} /s")
+        return self._record(
+            "certified", pair.rate, 0.0, pair.arrays, f"the error decays at least at {pair.rate:.9g} /s"
+        )
 
     def _record(
         self, verdict: Outcome, rate: float, floor: float, arrays: dict[str, FloatArray], text: str
@@ -107,6 +129,10 @@ class Convergence(Claim):
             return "inconclusive"
         n, graph = observer.agent.n_states, observer.graph
         rate, floor = number(record, "rate"), number(record, "lambda_floor")
+        if "whole" in record.witness:
+            fits = observer.states.total <= programs.DENSE_LIMIT and rate > 0.0
+            H = network_ball(observer) if fits else None
+            return _judged(record, H, partial(Fine.of, H), rate) if H is not None else "inconclusive"
         P = witness(record, "P", (n, n))
         if "growing" in record.witness:
             return "refuted" if growth.proves(record, observer, rate, floor) else "inconclusive"
@@ -114,12 +140,14 @@ class Convergence(Claim):
         if not proved:
             return "inconclusive"
         if graph.dimension > 1:
-            return "certified" if _whole_decreases(observer, P, rate) else "inconclusive"
+            whole = (
+                np.asarray(np.kron(np.eye(graph.n_nodes), P)) if observer.states.total <= programs.DENSE_LIMIT else None
+            )
+            return "certified" if whole is not None and decays(whole, network_ball(observer), rate) else "inconclusive"
         if not 0.0 < floor <= proved_floor(record, graph):
             return "inconclusive"
-        low = down(observer.gain * floor)
-        high = up(observer.gain * largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
-        certified = all(mode_decreases(observer, P, rate, g) for g in (low, high))
+        ends = gain_range(observer, floor, largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+        certified = all(mode_decreases(observer, P, rate, g) for g in ends)
         return "certified" if certified else "inconclusive"
 
 
@@ -131,16 +159,24 @@ def _verify_programs(record: ClaimRecord, observer: AssembledObserver) -> Outcom
     total, rate = observer.states.total, number(record, "rate")
     if total > programs.DENSE_LIMIT or not _is_continuous(observer) or not rate > 0.0:
         return "inconclusive"
-    if "blocks" in record.witness:
-        proved = programs.error_is_autonomous(observer)
-        proved = proved and structure.proves(record.witness["blocks"], *programs.error_magnitude(observer), rate)
-        return "certified" if proved else "inconclusive"
-    if "P" not in record.witness:
+    if not programs.error_is_autonomous(observer):
         return "inconclusive"
-    P = witness(record, "P", (total, total))
-    proved = programs.error_is_autonomous(observer) and is_positive_definite(P)
-    proved = proved and programs.decreases(P, *programs.error_magnitude(observer), rate)
-    return "certified" if proved else "inconclusive"
+    H = programs.error_magnitude(observer)
+    if "blocks" in record.witness:
+        return "certified" if structure.proves(record, H, rate) else "inconclusive"
+    return _judged(record, H, partial(programs.error_to_more_digits, observer), rate)
+
+
+def _judged(record: ClaimRecord, H: Ball, fine: Callable[[], Fine], rate: float) -> Outcome:
+    """The outcome for the whole of H, from P (or its factors R and T) or from P and a growing direction."""
+    if "growing" in record.witness:
+        return "refuted" if pairs.refutes(record, H, fine, rate) else "inconclusive"
+    return "certified" if pairs.proves(record, H, fine, rate) else "inconclusive"
+
+
+def _slower(rate: float) -> str:
+    slower = f"an error that shrinks slower than {rate:.9g} /s" if rate > 0.0 else "an error that never shrinks"
+    return f"there is {slower}"
 
 
 def lyapunov_matrix(observer: DiffusiveObserver) -> FloatArray:
@@ -154,15 +190,3 @@ def lyapunov_matrix(observer: DiffusiveObserver) -> FloatArray:
     except (np.linalg.LinAlgError, ValueError):  # a fact that is no covariance: any other P may do
         return np.eye(n)
     return np.asarray(0.5 * (P + P.T))
-
-
-def _whole_decreases(observer: DiffusiveObserver, P: FloatArray, rate: float) -> bool:
-    """The same for the assembled error matrix, with ``I (x) P``."""
-    count = observer.graph.n_nodes
-    if count * P.shape[0] > _DENSE_LIMIT:
-        return False
-    H = observer.error_matrix().toarray()
-    coupling = np.abs(observer.graph.laplacian().toarray())
-    pull = np.kron(np.eye(count), np.abs(observer.gain * observer.injection)) @ coupling
-    size = np.abs(np.kron(np.eye(count), observer.agent.A)) + pull @ np.kron(np.eye(count), np.abs(observer.agent.C))
-    return decreases(np.asarray(np.kron(np.eye(count), P)), H, np.asarray(size + np.abs(H)), rate)

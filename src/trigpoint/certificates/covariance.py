@@ -13,8 +13,9 @@ from trigpoint.arrays import FloatArray
 from trigpoint.certificates import programs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.errors import ArgumentError
+from trigpoint.linalg.balls import Ball, is_positive
 from trigpoint.linalg.equations import near_singular_allowed
-from trigpoint.linalg.verified import gam, is_positive_definite, up
+from trigpoint.linalg.verified import is_positive_definite, up
 from trigpoint.model import SharedPlant
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
@@ -46,6 +47,7 @@ class CovarianceBound(Claim):
     process: float = 1.0
     measurement: float = 1.0
     name: ClassVar[str] = "covariance-bound"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004
@@ -85,7 +87,7 @@ class CovarianceBound(Claim):
         error, _ = _error(observer)
         if error is None or "X" not in record.witness or not (process >= 0.0 and measurement >= 0.0):
             return "inconclusive"
-        X = witness(record, "X", error.H.shape)
+        X = witness(record, "X", error.H.middle.shape)
         v = witness(record, "v", (len(error.programs.nodes),))
         stated = bool((_traces(error.programs, X) <= v).all()) and v.max() <= worst
         stated = stated and float(v.sum()) * (1.0 + 1e-13) <= total
@@ -95,13 +97,12 @@ class CovarianceBound(Claim):
 
 @dataclass(frozen=True, eq=False)
 class _Error:
-    """``e' = H e + noise``: H up to ``radius``, entries of the noise of the agents and of the readings."""
+    """``e' = H e + noise``: H, entries of the noise of the agents and of the readings, variances of the readings."""
 
     programs: AssembledObserver
-    H: FloatArray
-    radius: FloatArray
-    agents: FloatArray
-    readings: FloatArray
+    H: Ball
+    agents: Ball
+    readings: Ball
     variance: FloatArray
 
 
@@ -118,11 +119,12 @@ def _error(observer: NetworkObserver) -> tuple[_Error | None, str]:
         return None, "more than 600 states, or an observer without programs"
     if observer.period is not None or observer.is_discrete or not programs.error_is_autonomous(observer):
         return None, "a sampled exchange, or the truth may drive the error"
-    H, radius = programs.error_magnitude(observer)
+    # Targets have entries 0 and 1, at most one in a row (proved above): the product selects.
     entry = observer.target_matrix().toarray() @ _entry(observer.problem)
     sizes = [observer.channels.readings.size(k) for k in range(observer.channels.readings.count)]
     variance = np.ones(sum(sizes)) if weights is None else np.repeat(1.0 / weights, sizes)
-    return _Error(observer, H, radius, entry, observer.general_form().K.toarray(), variance), ""
+    H, K = programs.error_magnitude(observer), programs.reading_gain(observer)
+    return _Error(observer, H, Ball.exact(entry), K, variance), ""
 
 
 def _entry(problem: Problem) -> FloatArray:
@@ -132,25 +134,23 @@ def _entry(problem: Problem) -> FloatArray:
     return np.asarray(sp.block_diag(blocks).toarray())
 
 
-def _noise(error: _Error, process: float, measurement: float) -> tuple[FloatArray, FloatArray]:
-    """Its intensity as computed, and a bound of the rounding error."""
-    E, K, r = error.agents, error.readings, error.variance
-    value = process**2 * (E @ E.T) + measurement**2 * ((K * r) @ K.T)
-    size = process**2 * (np.abs(E) @ np.abs(E.T)) + measurement**2 * ((np.abs(K) * r) @ np.abs(K.T))
-    # K itself is a sum of a few products (parallel arcs), hence the 32 terms more.
-    return value, gam(2.0 * (E.shape[1] + K.shape[1]) + 32.0) * size * 1.01
+@np.errstate(over="ignore", invalid="ignore")
+def _noise(error: _Error, process: float, measurement: float) -> Ball:
+    """Its intensity ``process^2 E E' + measurement^2 K R K'``."""
+    E, K = error.agents, error.readings
+    middle, r = K.middle * error.variance, error.variance
+    weighed = Ball(middle, 1.01 * K.radius * r + 4e-16 * np.abs(middle) + 2.0**-1000)  # r itself is a rounded quotient
+    readings = (weighed @ K.T).times(measurement).times(measurement)
+    return (E @ E.T).times(process).times(process) + readings
 
 
 def _bounds(error: _Error, X: FloatArray, process: float, measurement: float) -> bool:
-    """Prove ``-(H X + X H' + N) > 0`` for every H within its radius."""
-    noise, slack = _noise(error, process, measurement)
-    product, size, spread = error.H @ X, np.abs(error.H) @ np.abs(X), error.radius @ np.abs(X)
-    decrease = -(product + product.T) - noise
-    slack = slack + gam(8.0 * X.shape[0] + 64.0) * (size + size.T + np.abs(noise))
-    slack = slack + (spread + spread.T) * (1.0 + float(gam(X.shape[0] + 8.0)))
-    return is_positive_definite(0.5 * (decrease + decrease.T), slack * (1.0 + 1e-12))
+    """Prove ``-(H X + X H' + N) > 0`` for every H and N of their balls."""
+    drift = error.H @ Ball.exact(X)
+    return is_positive(-(drift + drift.T + _noise(error, process, measurement)))
 
 
+@np.errstate(over="ignore")
 def _traces(observer: AssembledObserver, X: FloatArray) -> FloatArray:
     """An upper bound of the trace of every node's block."""
     ranges, diagonal = observer.states, np.abs(np.diagonal(X))
@@ -158,14 +158,14 @@ def _traces(observer: AssembledObserver, X: FloatArray) -> FloatArray:
 
 
 def _candidates(error: _Error, process: float, measurement: float) -> list[FloatArray]:
-    noise, _ = _noise(error, process, measurement)
+    noise = _noise(error, process, measurement).middle
     scale = float(np.trace(noise)) / noise.shape[0] or 1.0
     found = []
     for share in _INFLATIONS:
         larger = (1.0 + share) * noise + share * scale * np.eye(noise.shape[0])
         try:
             with near_singular_allowed():
-                X = la.solve_continuous_lyapunov(error.H, -larger)
+                X = la.solve_continuous_lyapunov(error.H.middle, -larger)
         except (np.linalg.LinAlgError, ValueError):
             continue
         if np.isfinite(X).all():

@@ -42,6 +42,7 @@ class DelayMargin(Claim):
 
     delay: float | None = None
     name: ClassVar[str] = "delay-margin"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004

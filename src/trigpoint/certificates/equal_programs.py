@@ -42,6 +42,8 @@ def equal_programs(observer: AssembledObserver) -> EqualPrograms | None:
         return None
     if not all(np.array_equal(agent.C, C) and np.array_equal(agent.A, first.A) for agent in problem.agents):
         return None
+    if not all(_same_inputs(node.B, agent.B) for node, agent in zip(observer.nodes, problem.agents, strict=True)):
+        return None
     wanted: list[dict[int, tuple[str | None, float]]] = [{} for _ in observer.nodes]
     names, ends = graph.names, zip(graph.tail.tolist(), graph.head.tolist(), graph.is_external.tolist(), strict=True)
     for label, (tail, head, external) in enumerate(ends):
@@ -55,6 +57,10 @@ def equal_programs(observer: AssembledObserver) -> EqualPrograms | None:
         if not all(_fits(arc, arcs[arc.label], gain, C) for arc in node.arcs if arc.label is not None):
             return None
     return EqualPrograms(first, gain, graph.with_weight(None) if graph.weight is not None else graph)
+
+
+def _same_inputs(program: FloatArray | None, truth: FloatArray | None) -> bool:
+    return program is truth or (program is not None and truth is not None and np.array_equal(program, truth))
 
 
 def _alike(node: LocalObserver, first: LocalObserver) -> bool:

@@ -9,10 +9,11 @@ from trigpoint.analysis.eigenvalue import EigenvalueBound, couplings
 from trigpoint.analysis.modes import mode_matrices
 from trigpoint.arrays import FloatArray
 from trigpoint.certificates import base
-from trigpoint.certificates.decrease import mode_decreases
+from trigpoint.certificates.decrease import gain_range, mode_decreases
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
+from trigpoint.linalg.balls import is_negative_along
 from trigpoint.linalg.equations import near_singular_allowed
-from trigpoint.linalg.verified import collatz_wielandt_upper, down, gam, rayleigh_upper, up
+from trigpoint.linalg.verified import collatz_wielandt_upper, rayleigh_upper
 from trigpoint.observers.certificate import ClaimRecord
 from trigpoint.observers.network import DiffusiveObserver
 
@@ -52,9 +53,7 @@ def proves(record: ClaimRecord, observer: DiffusiveObserver, rate: float, floor:
     ceiling = min(rayleigh_upper(matrix, slowest), collatz_wielandt_upper(matrix, slowest))
     if not (0.0 < floor <= proved_floor(record, graph) and np.isfinite(ceiling) and np.array_equal(P, P.T)):
         return False
-    value = float(v @ P @ v)
-    size = float(np.abs(v) @ np.abs(P) @ np.abs(v)) * (1.0 + float(gam(4.0 * n + 8.0)))
-    if not value + float(gam(4.0 * n + 8.0)) * size < 0.0:
+    if not is_negative_along(P, v):
         return False
-    ends = (down(observer.gain * floor), up(observer.gain * ceiling))
+    ends = gain_range(observer, floor, ceiling)
     return all(mode_decreases(observer, P, rate, g) for g in ends)

@@ -8,8 +8,9 @@ import numpy as np
 import scipy.linalg as la
 
 from trigpoint.arrays import FloatArray
+from trigpoint.linalg.balls import Ball, is_positive, stacked
 from trigpoint.linalg.equations import near_singular_allowed
-from trigpoint.linalg.verified import gam, is_positive_definite
+from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.network import DiffusiveObserver
 
 _PIECES = 96
@@ -41,23 +42,20 @@ def decreases_late(observer: DiffusiveObserver, P: FloatArray, R: FloatArray, de
     F is convex in g: negative definite at both ends of a piece, it is so on the piece. Source: Fridman 2014, key
     Fridman2014.
     """
-    A, C, K = observer.agent.A, observer.agent.C, observer.injection
-    n = A.shape[0]
-    value = _functional(P, R, A, -g * (K @ C), delay)
-    size = _functional(-np.abs(P), np.abs(R), np.abs(A), np.abs(g) * (np.abs(K) @ np.abs(C)), delay, sign=-1.0)
-    radius = gam(16.0 * n + 4.0 * C.shape[0] + 96.0) * np.abs(size) * 1.01
-    return is_positive_definite(-0.5 * (value + value.T), radius)
+    A, r = Ball.exact(observer.agent.A), Ball.exact(R)
+    B = (Ball.exact(observer.injection) @ Ball.exact(observer.agent.C)).times(-g)
+    drift, corner = Ball.exact(P) @ A, r + Ball.exact(P) @ B
+    flow = stacked([[A, B]])
+    rest = stacked([[drift + drift.T - r, corner], [corner.T, -r]])
+    return is_positive(-(rest + (flow.T @ (r @ flow)).times(delay).times(delay)))
 
 
-def _functional(
-    P: FloatArray, R: FloatArray, A: FloatArray, B: FloatArray, delay: float, sign: float = 1.0
-) -> FloatArray:
-    """F; with sign -1 and absolute values the sum of the sizes of its terms, but for the sign."""
-    flow = np.hstack([A, B])
-    drift, corner = P @ A, P @ B
-    late = delay**2 * (flow.T @ R @ flow)
-    rest = np.block([[drift + drift.T - R, sign * R + corner], [(sign * R + corner).T, -R]])
-    return np.asarray(rest + sign * late)
+def _seems_late(observer: DiffusiveObserver, P: FloatArray, R: FloatArray, delay: float, g: float) -> bool:
+    """The same in plain floats: what fails here need not be tried in earnest."""
+    A, B = observer.agent.A, -g * (observer.injection @ observer.agent.C)
+    drift, corner, flow = P @ A, R + P @ B, np.hstack([A, B])
+    F = np.block([[drift + drift.T - R, corner], [corner.T, -R]]) + delay**2 * (flow.T @ R @ flow)
+    return bool(np.isfinite(F).all()) and float(np.linalg.eigvalsh(0.5 * (F + F.T))[-1]) < 0.0
 
 
 def prove(observer: DiffusiveObserver, delay: float, low: float, high: float) -> Pieces | None:
@@ -108,7 +106,10 @@ def _pair(observer: DiffusiveObserver, delay: float, left: float, right: float) 
             for share in _SHARES:
                 R = balance * part + share * unit * P / float(np.linalg.norm(P, 2))
                 R = 0.5 * (R + R.T)
-                if _proved(observer, P, R, delay, left, right):
+                ends = (left, right)
+                if all(_seems_late(observer, P, R, delay, end) for end in ends) and _proved(
+                    observer, P, R, delay, left, right
+                ):
                     return P, R
     return None
 

@@ -25,6 +25,7 @@ class Locality(Claim):
     """
 
     name: ClassVar[str] = "locality"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
         """Compare what every program reads with the graph."""

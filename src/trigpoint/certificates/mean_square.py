@@ -42,6 +42,7 @@ class MeanSquareStability(Claim):
     arrival: float = 1.0
     period: float = 0.0
     name: ClassVar[str] = "mean-square-stability"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004
@@ -97,7 +98,9 @@ class MeanSquareStability(Claim):
 
 def _step(observer: NetworkObserver, period: float) -> tuple[float, float] | None:
     """Bounds of ``period gain k c``."""
-    if not isinstance(observer, DiffusiveObserver) or not (np.isfinite(period) and period > 0.0):
+    if not isinstance(observer, DiffusiveObserver) or not (
+        np.isfinite(period) and period > 0.0 and observer.gain > 0.0
+    ):
         return None
     pull = static_pull(observer)
     if pull is None or observer.agent.n_states != 1:
@@ -122,15 +125,16 @@ class _Moment:
         """S(X)."""
         G, p = self.G, self.arrival
         M = np.eye(G.shape[0]) - self.step * p * (G * self.weight) @ G.T
-        spread = self.step**2 * p * (1.0 - p) * self.weight**2
+        spread = p * (1.0 - p) * (self.step * self.weight) ** 2
         return np.asarray(M @ X @ M + (G * (spread * np.einsum("ik,ij,jk->k", G, X, G, optimize=True))) @ G.T)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def with_error(self, X: FloatArray, relative: float) -> tuple[FloatArray, FloatArray]:
         """S(X), and a bound of its error from rounding and a ``relative`` error of the step."""
         N, arcs = self.G.shape
         G, p, size = np.abs(self.G), self.arrival, np.abs(X)
         M = np.eye(N) + self.step * p * (G * self.weight) @ G.T
-        spread = self.step**2 * p * (1.0 - p) * self.weight**2
+        spread = p * (1.0 - p) * (self.step * self.weight) ** 2
         bound = M @ size @ M + (G * (spread * np.einsum("ik,ij,jk->k", G, size, G, optimize=True))) @ G.T
         share = gam(8.0 * N + 4.0 * arcs + 64.0) + 4.0 * relative
         return self.apply(X), np.asarray(share * bound * (1.0 + 1e-6))

@@ -14,10 +14,12 @@ from trigpoint.analysis.noise import mu_star
 from trigpoint.arrays import FloatArray
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.convergence import lyapunov_matrix
+from trigpoint.certificates.decrease import gain_range, mode_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.errors import ArgumentError
+from trigpoint.linalg.balls import Ball, is_positive
 from trigpoint.linalg.equations import near_singular_allowed
-from trigpoint.linalg.verified import down, gam, is_positive_definite, up
+from trigpoint.linalg.verified import gam, is_positive_definite, up
 from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
@@ -46,6 +48,7 @@ class NoiseBudget(Claim):
 
     mu: float | None = None
     name: ClassVar[str] = "noise-budget"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004
@@ -64,7 +67,7 @@ class NoiseBudget(Claim):
             return ClaimRecord(self.name, "inconclusive", _numbers(0.0, 0.0, 0.0), _ASSUMPTIONS, text, {})
         mu = (mu_star(observer.gain, bound.lower) or 1.0) if self.mu is None else self.mu
         for X in _candidates(observer, mu, bound.lower):
-            per_node = up(float(np.trace(X)) * (1.0 + 1e-14))
+            per_node = _trace(X)
             text = f"E |e|^2 <= {observer.graph.n_nodes * per_node:.9g} at noise level {mu:.6g} ({per_node:.9g} a node)"
             record = ClaimRecord(
                 self.name,
@@ -87,11 +90,11 @@ class NoiseBudget(Claim):
         n, graph = observer.agent.n_states, observer.graph
         mu, per_node, floor = (number(record, name) for name in ("mu", "per_node", "lambda_floor"))
         X = witness(record, "X", (n, n))
-        if not (mu > 0.0 and is_positive_definite(X) and float(np.trace(X)) * (1.0 + 1e-15) <= per_node):
+        if not (mu > 0.0 and is_positive_definite(X) and _trace(X) <= per_node):
             return "inconclusive"
         if not (graph.is_externally_connected and 0.0 < floor <= proved_floor(record, graph)):
             return "inconclusive"
-        ends = (down(observer.gain * floor), up(observer.gain * largest_eigenvalue_bound(graph) * (1.0 + 1e-9)))
+        ends = gain_range(observer, floor, largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
         return "certified" if all(_bounds(observer, X, mu, g) for g in ends) else "inconclusive"
 
 
@@ -99,23 +102,24 @@ def _numbers(mu: float, per_node: float, floor: float) -> dict[str, float]:
     return {"mu": mu, "per_node": per_node, "lambda_floor": floor}
 
 
-def _noise(observer: DiffusiveObserver, mu: float, g: float) -> tuple[FloatArray, FloatArray]:
-    """``mu^2 (E E' + g gain K K')`` and its size."""
-    agent, K = observer.agent, observer.injection
-    E = np.eye(agent.n_states) if agent.E is None else agent.E
-    value = mu**2 * (E @ E.T + g * observer.gain * K @ K.T)
-    return value, mu**2 * (np.abs(E) @ np.abs(E.T) + g * observer.gain * np.abs(K) @ np.abs(K.T))
+@np.errstate(over="ignore")
+def _trace(X: FloatArray) -> float:
+    """An upper bound of the trace."""
+    diagonal = np.abs(np.diagonal(X))
+    return up(float(diagonal.sum()) * (1.0 + float(gam(2.0 * X.shape[0] + 2.0))))
+
+
+def _noise(observer: DiffusiveObserver, mu: float, g: float) -> Ball:
+    """``mu^2 (E E' + g gain K K')``."""
+    agent, K = observer.agent, Ball.exact(observer.injection)
+    E = Ball.exact(np.eye(agent.n_states) if agent.E is None else agent.E)
+    return (E @ E.T + (K @ K.T).times(g).times(observer.gain)).times(mu).times(mu)
 
 
 def _bounds(observer: DiffusiveObserver, X: FloatArray, mu: float, g: float) -> bool:
     """Prove ``-(M X + X M' + noise) > 0`` at g."""
-    agent, K = observer.agent, observer.injection
-    M = mode_matrices(agent.A, K, agent.C, np.array([g]))[0]
-    size = (np.abs(agent.A) + g * (np.abs(K) @ np.abs(agent.C))) @ np.abs(X)
-    drift, (noise, noise_size) = M @ X, _noise(observer, mu, g)
-    decrease = -(drift + drift.T) - noise
-    terms = 8.0 * X.shape[0] + 4.0 * K.shape[1] + 64.0
-    return is_positive_definite(0.5 * (decrease + decrease.T), gam(terms) * (size + size.T + noise_size) * 1.01)
+    drift = mode_ball(observer, g) @ Ball.exact(X)
+    return is_positive(-(drift + drift.T + _noise(observer, mu, g)))
 
 
 def _candidates(observer: DiffusiveObserver, mu: float, floor: float) -> list[FloatArray]:
@@ -124,7 +128,7 @@ def _candidates(observer: DiffusiveObserver, mu: float, floor: float) -> list[Fl
     found = [(1.0 + share) * 0.5 * (Q + Q.T) + share * np.eye(n) for share in _INFLATIONS[:3]]
     g = observer.gain * floor
     M = mode_matrices(observer.agent.A, observer.injection, observer.agent.C, np.array([g]))[0]
-    noise, _ = _noise(observer, mu, g)
+    noise = _noise(observer, mu, g).middle
     for share in _INFLATIONS:
         try:
             with near_singular_allowed():
@@ -133,6 +137,6 @@ def _candidates(observer: DiffusiveObserver, mu: float, floor: float) -> list[Fl
             continue
         found.append(0.5 * (X + X.T))
     ceiling = observer.gain * largest_eigenvalue_bound(observer.graph)
-    top, _ = _noise(observer, mu, ceiling)
+    top = _noise(observer, mu, ceiling).middle
     found += [4.0**k * (0.5 * (Q + Q.T) + np.eye(n) * float(np.trace(top)) / n) for k in range(4)]
     return [X for X in found if np.isfinite(X).all()]

@@ -35,6 +35,7 @@ class Observable(Claim):
     """
 
     name: ClassVar[str] = "observable"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:  # noqa: ARG004

@@ -19,7 +19,7 @@ from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.balls import Ball, contracts, transition_and_integral
 from trigpoint.linalg.equations import near_singular_allowed
 from trigpoint.linalg.interval_stability import contraction_on_interval
-from trigpoint.linalg.verified import gam, is_positive_definite
+from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.local import LocalObserver
@@ -49,6 +49,7 @@ class SampledStability(Claim):
 
     period: float | None = None
     name: ClassVar[str] = "sampled-stability"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:
@@ -65,11 +66,11 @@ class SampledStability(Claim):
             return self._record("certified", period, 1.0, {}, text)
         split = _modes(observer, period)
         if split is not None:
-            return self._check_modes(split, period)
+            return self._check_modes(observer, split, period)
         M, why = _step(observer, period)
         if M is None:
             return self._record("inconclusive", period, 0.0, {}, f"nothing could be proved: {why}")
-        radius = float(np.abs(np.linalg.eigvals(M.middle)).max())
+        radius = float(np.abs(np.linalg.eigvals(M.middle)).max()) if np.isfinite(M.radius).all() else np.inf
         for share in (1e-6, 1e-3, 0.05, 0.3):
             factor = radius + share * (1.0 - radius)
             P = _stein(M.middle / (0.5 * (radius + factor) or 1.0)) if radius < 1.0 else None
@@ -77,9 +78,9 @@ class SampledStability(Claim):
                 text = f"contracts by {factor:.9g} from exchange to exchange at a period of {period:g} s"
                 return self._record("certified", period, factor, {"P": P}, text)
         text = f"no contraction could be proved at a period of {period:g} s (computed spectral radius {radius:.9g})"
-        return self._record("inconclusive", period, radius, {}, text)
+        return self._record("inconclusive", period, radius if np.isfinite(radius) else 0.0, {}, text)
 
-    def _check_modes(self, split: _Modes, period: float) -> ClaimRecord:
+    def _check_modes(self, observer: NetworkObserver, split: _Modes, period: float) -> ClaimRecord:
         bound = smallest_eigenvalue(split.graph)
         ends = (bound.lower, largest_eigenvalue_upper(split.graph))
         verdict = contraction_on_interval(split.start, split.pull, *ends)
@@ -90,7 +91,9 @@ class SampledStability(Claim):
                 arrays = {"edges": proof[0], "P": proof[1], "x": bound.witness}
                 text = f"contracts by {factor:.9g} from exchange to exchange at a period of {period:g} s, mode by mode"
                 record = self._record("certified", period, factor, arrays, text)
-                return replace(record, numbers={**record.numbers, "lambda_floor": bound.lower})
+                record = replace(record, numbers={**record.numbers, "lambda_floor": bound.lower})
+                if _verify_modes(record, observer, period, factor) == "certified":
+                    return record
         text = f"no contraction could be proved at a period of {period:g} s (largest modal radius {verdict.radius:.9g})"
         return self._record("inconclusive", period, verdict.radius, {}, text)
 
@@ -158,7 +161,7 @@ def _verify_modes(record: ClaimRecord, observer: NetworkObserver, period: float,
 
 
 def _averages(observer: NetworkObserver) -> bool:
-    if not isinstance(observer, DiffusiveObserver) or static_pull(observer) is None:
+    if not isinstance(observer, DiffusiveObserver) or static_pull(observer) is None or not observer.gain > 0.0:
         return False
     return observer.graph.is_externally_connected
 
@@ -173,12 +176,14 @@ def _step(observer: NetworkObserver, period: float) -> tuple[Ball | None, str]:
         return None, "more than 600 states, or an observer without programs"
     if any(node.acceleration is not None for node in observer.nodes):
         return None, "an accelerated exchange is no constant map"
+    if observer.is_discrete and not all(node.exchange == "discrete" for node in observer.nodes):
+        return None, "some programs are maps and others differential equations"
     moving = any(node.A.any() for node in observer.nodes)
     if any(node.exchange == "euler" for node in observer.nodes) and moving:
         return None, "Euler steps of moving agents do not follow the truth exactly"
     if observer.period not in (None, period) or not programs.error_is_autonomous(observer):
         return None, "the truth may drive the error"
-    H, radius = programs.error_magnitude(observer)
+    H = programs.error_magnitude(observer)
     total, states = observer.states.total, observer.states
     own = np.zeros((total, total))
     middle, spread = (np.zeros((total, total)) for _ in range(2))
@@ -189,7 +194,7 @@ def _step(observer: NetworkObserver, period: float) -> tuple[Ball | None, str]:
         T, F = _maps(node, period)
         middle[place, place], spread[place, place] = T.middle, T.radius
         phi[place, place], phi_spread[place, place] = F.middle, F.radius
-    pull = Ball(H, radius) + Ball.exact(-own)
+    pull = H - Ball.exact(own)
     return Ball(middle, spread) + Ball(phi, phi_spread) @ pull, ""
 
 
@@ -202,12 +207,10 @@ def _maps(node: LocalObserver, period: float) -> tuple[Ball, Ball]:
     transition, integral = transition_and_integral(Ball.exact(node.A), period)
     if node.exchange == "innovation-held":
         return transition, integral
-    closed, size, terms = node.A.copy(), np.abs(node.A), 2.0
+    closed = Ball.exact(node.A)
     for arc in node.arcs:
-        closed = closed - arc.gain @ arc.output
-        size = size + np.abs(arc.gain) @ np.abs(arc.output)
-        terms += arc.gain.shape[1] + 2.0
-    return transition, transition_and_integral(Ball(closed, gam(4.0 * terms) * size), period)[1]
+        closed = closed - Ball.exact(arc.gain) @ Ball.exact(arc.output)
+    return transition, transition_and_integral(closed, period)[1]
 
 
 def _stein(M: FloatArray) -> FloatArray | None:

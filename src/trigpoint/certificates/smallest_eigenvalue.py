@@ -23,10 +23,12 @@ class SmallestEigenvalue(Claim):
     """Bounds of the smallest eigenvalue of the generalized Laplacian; refuted (0) where nodes have no anchor.
 
     Witness: a positive vector x with ``min (L x)_i / x_i >= lower`` and a vector v with ``v' L v / v' v <= upper``.
+    Bounds are refuted by the same vectors: v shows that ``lower`` is too high, x that ``upper`` is too low.
     Source: G16, Proposition 1; Barta (1937), key Barta1937.
     """
 
     name: ClassVar[str] = "smallest-eigenvalue"
+    assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
     def concerns(observer: NetworkObserver) -> bool:
@@ -65,15 +67,19 @@ class SmallestEigenvalue(Claim):
         lower, upper = number(record, "lower"), number(record, "upper")
         if not graph.is_externally_connected:
             return "refuted"
-        if not 0.0 < lower <= upper:
+        if not lower > 0.0:
             return "inconclusive"
         if graph.dimension > 1:
             bound = smallest_eigenvalue(graph)
-            return "certified" if lower <= bound.lower and bound.upper <= upper else "inconclusive"
-        floor = proved_floor(record, graph)
-        matrix, size = couplings(graph), (graph.n_nodes,)
-        v = witness(record, "v", size)
-        ceiling = min(rayleigh_upper(matrix, v), collatz_wielandt_upper(matrix, v))
+            floor, ceiling = bound.lower, bound.upper
+        else:
+            matrix, v = couplings(graph), witness(record, "v", (graph.n_nodes,))
+            floor, ceiling = (
+                proved_floor(record, graph),
+                min(rayleigh_upper(matrix, v), collatz_wielandt_upper(matrix, v)),
+            )
+        if ceiling < lower or upper < floor:
+            return "refuted"
         return "certified" if lower <= floor and ceiling <= upper else "inconclusive"
 
 

@@ -7,17 +7,20 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from trigpoint.arrays import FloatArray, IntArray
-from trigpoint.certificates import programs
+from trigpoint.certificates import pairs
+from trigpoint.certificates.base import witness
+from trigpoint.linalg.balls import Ball, decays
 from trigpoint.linalg.verified import is_positive_definite
+from trigpoint.observers.certificate import ClaimRecord
 
 
-def blocks_of(H: FloatArray, radius: FloatArray) -> list[IntArray]:
+def blocks_of(H: Ball) -> list[IntArray]:
     """The diagonal blocks: strongly connected components of the entries that are not exactly zero.
 
     Every other entry is zero in exact arithmetic, for each product that makes it up is; ordered by the condensation the
     matrix is block triangular, so that its spectrum is that of the blocks.
     """
-    pattern = sp.csr_array((H != 0.0) | (radius != 0.0))
+    pattern = sp.csr_array((H.middle != 0.0) | (H.radius != 0.0))
     count, labels = connected_components(pattern, directed=True, connection="strong")
     return [np.flatnonzero(labels == label) for label in range(count)]
 
@@ -27,32 +30,36 @@ def packed(matrices: list[FloatArray]) -> FloatArray:
     return np.concatenate([matrix.ravel() for matrix in matrices])
 
 
-def proves(witness: FloatArray, H: FloatArray, radius: FloatArray, rate: float) -> bool:
-    """Prove ``rate`` for every block from its own Lyapunov matrix in ``witness``."""
-    blocks = blocks_of(H, radius)
-    if witness.shape != (sum(block.shape[0] ** 2 for block in blocks),):
-        return False
+def _part(H: Ball, block: IntArray) -> Ball:
+    own = np.ix_(block, block)
+    return Ball(H.middle[own], H.radius[own])
+
+
+def proves(record: ClaimRecord, H: Ball, rate: float) -> bool:
+    """Prove ``rate`` for every block from its own Lyapunov matrix in the ``record``'s witness ``blocks``."""
+    blocks = blocks_of(H)
+    packed_matrices = witness(record, "blocks", (sum(block.shape[0] ** 2 for block in blocks),))
     start = 0
     for block in blocks:
         size = block.shape[0]
-        P = witness[start : start + size * size].reshape(size, size)
+        P = packed_matrices[start : start + size * size].reshape(size, size)
         start += size * size
-        own = np.ix_(block, block)
-        if not (is_positive_definite(P) and programs.decreases(P, H[own], radius[own], rate)):
+        if not (is_positive_definite(P) and decays(P, _part(H, block), rate)):
             return False
     return True
 
 
-def structured_rate(H: FloatArray, radius: FloatArray, wanted: float | None) -> tuple[float, FloatArray] | None:
+def structured_rate(H: Ball, wanted: float | None) -> tuple[float, FloatArray] | None:
     """A rate and its packed witness, or None: also where there is one block only."""
-    blocks = blocks_of(H, radius)
+    blocks = blocks_of(H)
     if len(blocks) < 2:
         return None
-    proofs = [programs.lyapunov_rate(H[np.ix_(b, b)], radius[np.ix_(b, b)], wanted) for b in blocks]
-    if any(proof is None for proof in proofs):
+    parts = [_part(H, block) for block in blocks]
+    proofs = [pairs.lyapunov_pair(part, None, wanted) for part in parts]
+    rate = min((proof.rate if proof is not None else -np.inf for proof in proofs), default=-np.inf)
+    if rate == -np.inf:
         return None
-    rate = min(proof[0] for proof in proofs if proof is not None)
-    if any(proof[0] != rate for proof in proofs if proof is not None):  # the same rate for all, proved anew
-        proofs = [programs.lyapunov_rate(H[np.ix_(b, b)], radius[np.ix_(b, b)], rate) for b in blocks]
-    matrices = [proof[1] for proof in proofs if proof is not None]
+    if any(proof is not None and proof.rate != rate for proof in proofs):  # the same rate for all, proved anew
+        proofs = [pairs.lyapunov_pair(part, None, rate) for part in parts]
+    matrices = [proof.arrays["P"] for proof in proofs if proof is not None]
     return (rate, packed(matrices)) if len(matrices) == len(blocks) else None

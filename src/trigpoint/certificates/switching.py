@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -11,12 +12,15 @@ import scipy.linalg as la
 
 from trigpoint.analysis import smallest_eigenvalue, worst_case_eigenvalue
 from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
+from trigpoint.arrays import FloatArray
+from trigpoint.certificates import pairs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.convergence import lyapunov_matrix
-from trigpoint.certificates.decrease import mode_decreases
+from trigpoint.certificates.decrease import gain_range, mode_ball, mode_decreases
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
-from trigpoint.linalg.verified import down, is_positive_definite, up
+from trigpoint.linalg.fine import Fine
+from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.assembled import Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
@@ -38,7 +42,8 @@ class SwitchingStability(Claim):
     """``V = e' (I (x) P) e`` decreases at ``rate`` on every topology with ``floor <= lambda <= ceiling``.
 
     ``P (A - g K C) + (A - g K C)' P + 2 rate P`` is affine in ``g = gain lambda``: negative definite at both ends,
-    it is so on the whole range, whatever the order and the speed of the changes.
+    it is so on the whole range, whatever the order and the speed of the changes. Refuted (with rate 0) where the mode
+    of one end does not decay: one node whose anchor has that weight is such a topology.
 
     Args:
         floor: smallest eigenvalue to cover; the observer's own network's lower bound unless given.
@@ -52,6 +57,7 @@ class SwitchingStability(Claim):
     ceiling: float | None = None
     max_nodes: int | None = None
     name: ClassVar[str] = "switching-stability"
+    assumptions: ClassVar[tuple[str, ...]] = (*_ASSUMPTIONS, _FAMILY)
 
     @staticmethod
     def over(graphs: Sequence[MeasurementGraph]) -> SwitchingStability:
@@ -91,6 +97,14 @@ class SwitchingStability(Claim):
             record = self._record("certified", (rate, floor, ceiling, nodes), P, text)
             if self.verify(record, problem, observer) == "certified":
                 return record
+        for g in gains.tolist():
+            growing = _growing(observer, g)
+            if growing is not None:
+                text = "one node whose anchor has the weight of an end of the range does not decay"
+                record = self._record("refuted", (0.0, floor, ceiling, nodes), growing["P"], text)
+                record = replace(record, witness=growing)
+                if self.verify(record, problem, observer) == "refuted":
+                    return record
         text = f"no common decay could be proved (best computed rate {best:.3g} /s)"
         return self._record("inconclusive", (best, floor, ceiling, nodes), P, text)
 
@@ -108,12 +122,29 @@ class SwitchingStability(Claim):
         n = observer.agent.n_states
         rate, floor, ceiling, nodes = (number(record, name) for name in ("rate", "floor", "ceiling", "max_nodes"))
         P = witness(record, "P", (n, n))
+        if "growing" in record.witness:
+            return "refuted" if _grows(record, observer, P, (floor, ceiling)) else "inconclusive"
         if not (rate > 0.0 and 0.0 < floor <= ceiling and is_positive_definite(P)):
             return "inconclusive"
         if nodes != 0.0 and not _covers(nodes, floor, ceiling):
             return "inconclusive"
-        ends = (down(observer.gain * floor), up(observer.gain * ceiling))
+        ends = gain_range(observer, floor, ceiling)
         return "certified" if all(mode_decreases(observer, P, rate, g) for g in ends) else "inconclusive"
+
+
+def _growing(observer: DiffusiveObserver, g: float) -> dict[str, FloatArray] | None:
+    mode = mode_ball(observer, g)
+    found = pairs.growing_witness(mode, partial(Fine.of, mode), 0.0)
+    return None if found is None or "R" in found else {"P": found["P"], "growing": found["growing"]}
+
+
+def _grows(record: ClaimRecord, observer: DiffusiveObserver, P: FloatArray, ends: tuple[float, float]) -> bool:
+    """Prove that the mode of one end of the range does not decay: a network of one node has that eigenvalue."""
+    v = witness(record, "growing", P.shape[:1])
+    if not 0.0 < ends[0] <= ends[1]:
+        return False
+    enclosures = (gain_range(observer, end, end) for end in ends)
+    return any(all(pairs.grows(P, v, mode_ball(observer, g), 0.0) for g in pair) for pair in enclosures)
 
 
 def _covers(nodes: float, floor: float, ceiling: float) -> bool:

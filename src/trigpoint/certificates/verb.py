@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from trigpoint.arrays import digest_of
@@ -41,14 +41,24 @@ CLAIMS: tuple[type[Claim], ...] = (
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of checking a certificate again: the worst of its claims, and each claim's own outcome."""
+    """The outcome of checking a certificate again: the worst of its claims, and each claim's own outcome.
+
+    Attributes:
+        outcome: refuted before inconclusive before certified.
+        claims: name and outcome of each claim.
+        numbers: the numbers that each outcome is about; the sentences of the file say what its author liked.
+    """
 
     outcome: Outcome
     claims: tuple[tuple[str, Outcome], ...]
+    numbers: tuple[Mapping[str, float], ...] = ()
 
     def summary(self) -> str:
-        """One line a claim."""
-        return "\n".join(f"{outcome}: {name}" for name, outcome in self.claims)
+        """One line a claim, with the numbers that were checked."""
+        stated = [", ".join(f"{key} {value:.9g}" for key, value in numbers.items()) for numbers in self.numbers]
+        stated += [""] * (len(self.claims) - len(stated))
+        lines = zip(self.claims, stated, strict=True)
+        return "\n".join(f"{outcome}: {name}{f' ({text})' if text else ''}" for (name, outcome), text in lines)
 
 
 def certify(problem: Problem, observer: NetworkObserver, claims: Sequence[Claim] | None = None) -> Certificate:
@@ -78,7 +88,8 @@ def verify(certificate: Certificate, problem: Problem, observer: NetworkObserver
         observer: the observer it names by digest.
 
     Raises:
-        ProtocolError: a digest does not match, a claim is unknown, a witness is missing or has the wrong shape.
+        ProtocolError: a digest does not match, a claim is unknown or states other assumptions than it has, a witness is
+            missing or has the wrong shape.
     """
     problem_text, observer_text = _digests(problem, observer)
     for what, ours, theirs in (
@@ -92,10 +103,12 @@ def verify(certificate: Certificate, problem: Problem, observer: NetworkObserver
     for record in certificate.records:
         if record.claim not in known:
             raise ProtocolError(f"unknown claim {record.claim!r}; known are {', '.join(sorted(known))}")
+        if record.assumptions != known[record.claim].assumptions:
+            raise ProtocolError(f"the claim {record.claim!r} states other assumptions than it has")
         outcomes.append((record.claim, known[record.claim].verify(record, problem, observer)))
     found = {outcome for _, outcome in outcomes}
     worst: Outcome = "refuted" if "refuted" in found else "inconclusive" if "inconclusive" in found else "certified"
-    return Verdict(worst, tuple(outcomes))
+    return Verdict(worst, tuple(outcomes), tuple(record.numbers for record in certificate.records))
 
 
 def _digests(problem: Problem, observer: NetworkObserver) -> tuple[str, str]:

@@ -10,8 +10,8 @@ from rich.table import Table
 
 from trigpoint.analysis import diagnose
 from trigpoint.arrays import digest_of
-from trigpoint.certificates import CLAIMS, Certificate, certify, verify
-from trigpoint.cli.asked import claims_asked
+from trigpoint.certificates import Certificate, certify, verify
+from trigpoint.cli.asked import Asked, claims_for
 from trigpoint.cli.choices import label_of, method_of
 from trigpoint.cli.compose import changed, kind_of, part_of, read_any
 from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, Out, console, emit, guarded, notice
@@ -140,6 +140,7 @@ def _show(observer: NetworkObserver, certificate: Certificate | None, marks: int
 @guarded
 def certify_command(
     file: Annotated[Path, typer.Argument(help="An observer.json written by design.")],
+    rate: Annotated[float | None, typer.Option("--rate", help="Prove this decay rate, 1/s, not the design's.")] = None,
     period: Annotated[
         float | None, typer.Option("--period", help="Also: stable with an exchange every so many seconds.")
     ] = None,
@@ -153,10 +154,24 @@ def certify_command(
     max_nodes: Annotated[
         int | None, typer.Option("--max-nodes", help="Also: stable under switching among networks of so many nodes.")
     ] = None,
-    mu: Annotated[
-        float | None,
-        typer.Option("--mu", help="Also: bounds of the steady error at this noise level."),
+    floor: Annotated[
+        float | None, typer.Option("--floor", help="Also: stable under switching with no eigenvalue below this.")
     ] = None,
+    ceiling: Annotated[
+        float | None, typer.Option("--ceiling", help="Also: stable under switching with no eigenvalue above this.")
+    ] = None,
+    mu: Annotated[
+        float | None, typer.Option("--mu", help="Also: bounds of the steady error at this noise level.")
+    ] = None,
+    process: Annotated[
+        float | None, typer.Option("--process", help="Also: node by node, at this level of the agents' noise.")
+    ] = None,
+    measurement: Annotated[
+        float | None, typer.Option("--measurement", help="Also: node by node, at this level of the readings' noise.")
+    ] = None,
+    observable: Annotated[
+        bool, typer.Option("--observable", help="Also: the readings determine every state, exactly.")
+    ] = False,
     out: Out = None,
     as_json: Json = False,
 ) -> int:
@@ -164,8 +179,8 @@ def certify_command(
     observer = load(file)
     if not isinstance(observer, DiffusiveObserver | AssembledObserver):
         raise FileFormatError(file, f"holds {kind_of(observer)}; expected an observer (written by design --out)")
-    claims = [kind() for kind in CLAIMS if kind.concerns(observer)]
-    claims += claims_asked(period=period, delay=delay, arrival=arrival, max_nodes=max_nodes, mu=mu)
+    asked = Asked(rate, floor, ceiling, max_nodes, period, delay, arrival, mu, process, measurement, observable)
+    claims = claims_for(observer, asked)
     certificate = certify(observer.problem, observer, claims)
     if out is not None:
         save(certificate, out)
@@ -196,7 +211,8 @@ def verify_command(
     observer = _beside(file, "observer", certificate.observer_digest, _OBSERVERS)
     verdict = verify(certificate, problem, observer)
     if as_json:
-        claims = [{"claim": name, "verdict": outcome} for name, outcome in verdict.claims]
+        pairs = zip(verdict.claims, verdict.numbers, strict=True)
+        claims = [{"claim": name, "verdict": outcome, "numbers": dict(found)} for (name, outcome), found in pairs]
         emit({"verdict": verdict.outcome, "claims": claims})
     else:
         console().print(verdict.summary())

@@ -8,7 +8,8 @@ import numpy as np
 import scipy.linalg as la
 
 from trigpoint.arrays import FloatArray
-from trigpoint.linalg.balls import Ball, contracts
+from trigpoint.linalg.balls import Ball, contracts, is_negative_along
+from trigpoint.linalg.equations import near_singular_allowed
 from trigpoint.linalg.verified import is_positive_definite
 
 _DEPTH = 60
@@ -20,7 +21,7 @@ class IntervalVerdict:
     """Whether the spectral radius is below 1 on the whole interval.
 
     Attributes:
-        stable: True (proved), False (a point with a radius above 1 was found) or None (neither).
+        stable: True (proved), False (a point with a radius above 1 was proved) or None (neither).
         radius: largest computed spectral radius seen.
         at: where it was seen.
         pieces: subintervals used by the proof.
@@ -54,7 +55,7 @@ def contraction_on_interval(M0: Ball, M1: Ball, low: float, high: float) -> Inte
     worst = int(np.argmax(radii))
     radius, at = float(radii[worst]), float(samples[worst])
     if radius >= 1.0:
-        return IntervalVerdict(False if radius > 1.0 + 1e-12 else None, radius, at, 0)
+        return IntervalVerdict(False if expands(M0 + M1.times(at)) else None, radius, at, 0)
     waiting, pieces, proved = [(low, high, 0)], 0, []
     while waiting:
         left, right, depth = waiting.pop()
@@ -66,7 +67,7 @@ def contraction_on_interval(M0: Ball, M1: Ball, low: float, high: float) -> Inte
         if here > radius:
             radius, at = here, middle
         if here >= 1.0:
-            return IntervalVerdict(False if here > 1.0 + 1e-12 else None, radius, at, pieces)
+            return IntervalVerdict(False if expands(M0 + M1.times(middle)) else None, radius, at, pieces)
         P = _lyapunov(M0.middle + middle * M1.middle)
         if P is not None and all(contracts(P, M0 + M1.times(s)) for s in (left, right)):
             proved.append((right, P))
@@ -74,6 +75,25 @@ def contraction_on_interval(M0: Ball, M1: Ball, low: float, high: float) -> Inte
         waiting += [(middle, right, depth + 1), (left, middle, depth + 1)]  # the left one is taken first
     edges = np.array([low, *(right for right, _ in proved)])
     return IntervalVerdict(True, radius, at, pieces, edges, np.stack([P for _, P in proved]))
+
+
+def expands(M: Ball) -> bool:
+    """Prove that every matrix of the ball has a spectral radius above 1; False means *not proved*.
+
+    ``P - M' P M > 0`` with ``v' P v < 0``: no eigenvalue has modulus 1, and were all inside the circle, P would be the
+    sum of ``M'^k (P - M' P M) M^k``, hence positive. By Stein's inertia theorem.
+    """
+    n = M.middle.shape[0]
+    try:
+        with near_singular_allowed():
+            P = la.solve_discrete_lyapunov(M.middle.T, np.eye(n))
+    except (np.linalg.LinAlgError, ValueError):
+        return False
+    P = 0.5 * (P + P.T)
+    if not np.isfinite(P).all():
+        return False
+    P = P / (float(np.abs(P).max(initial=0.0)) or 1.0)
+    return is_negative_along(P, np.linalg.eigh(P)[1][:, 0]) and contracts(P, M)
 
 
 def _radius(M: FloatArray) -> float:

@@ -60,11 +60,12 @@ class Couplings:
 
     def quadratic_form(self, x: FloatArray) -> tuple[float, float]:
         """Return rigorous (lower, upper) bounds of ``x' L x = sum w (x_i - x_j)^2 + sum g x_i^2``."""
-        terms = np.concatenate(
-            [self.weight * (x[self.first] - x[self.second]) ** 2, self.ground_weight * x[self.ground] ** 2]
-        )
+        across, lifted = x[self.first] - x[self.second], x[self.ground]
+        # Weight first: a square that underflows before a large weight multiplies it would be lost without a trace.
+        terms = np.concatenate([(self.weight * across) * across, (self.ground_weight * lifted) * lifted])
         total = float(terms.sum())
-        slack = float(gam(2.0 * terms.shape[0] + 6.0)) * total + terms.shape[0] * _TINY
+        lost = (terms.shape[0] + float(np.abs(across).sum() + np.abs(lifted).sum())) * _TINY
+        slack = float(gam(2.0 * terms.shape[0] + 6.0)) * total + lost
         return max(0.0, down(total - slack)), up(total + slack)
 
 
@@ -136,18 +137,21 @@ def is_positive_definite(matrix: FloatArray, radius: FloatArray | float = 0.0) -
     Cost O(n^3). Source: Rump, *Verification of positive definiteness*, BIT 46 (2006), key Rump2006; theory 8-G2.
     """
     n = matrix.shape[0]
-    diagonal = np.diagonal(matrix)
-    if not np.isfinite(matrix).all() or (diagonal <= 0).any() or not np.array_equal(matrix, matrix.T):
+    diagonal, perturbation = np.diagonal(matrix), np.broadcast_to(np.asarray(radius, dtype=np.float64), matrix.shape)
+    if not (np.isfinite(matrix).all() and np.isfinite(perturbation).all()):
+        return False
+    if (diagonal <= 0).any() or not np.array_equal(matrix, matrix.T):
         return False
     j = np.arange(1, n + 1, dtype=np.float64)
     growth = gam(j + 2.0)
     shift = float((growth / (1.0 - growth) * diagonal).sum()) * (1.0 + float(gam(n + 4.0))) + n * _TINY
-    perturbation = np.broadcast_to(np.asarray(radius, dtype=np.float64), matrix.shape)
     shift += float(perturbation.sum(axis=1).max(initial=0.0)) * (1.0 + float(gam(n + 4.0)))
     shifted = matrix.copy()
     np.fill_diagonal(shifted, np.nextafter(np.nextafter(diagonal - up(shift * _OUTWARD), -np.inf), -np.inf))
     try:
-        np.linalg.cholesky(shifted)
+        with np.errstate(over="ignore", invalid="ignore"):
+            factor = np.linalg.cholesky(shifted)
     except np.linalg.LinAlgError:
         return False
-    return True
+    # Where a product overflows, some libraries run on with a pivot that is no number: that is no completed run.
+    return bool(np.isfinite(factor).all())
