@@ -1,20 +1,26 @@
-"""Nodes as real processes: a frame codec, the node's program without input or output, processes on pipes.
+"""Live nodes: a frame codec, the node's protocol without input or output, transports, processes, logs.
 
-Loads NumPy and the standard library only. The step that a process runs is ``LocalObserver.step``, the one that was
-simulated.
+Loads NumPy and the standard library only; transport, log and certificates are loaded where they are used. The step that
+a process runs is ``LocalObserver.step``, the one that was simulated.
 """
 
-from trigpoint.runtime.codec import Frame, Kind, decode_frame, encode_frame
-from trigpoint.runtime.node import NodeProgram, read_node_file, write_node_file
-from trigpoint.runtime.processes import run_processes
+from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
+from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
+from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
 
 __all__ = [
+    "FACTS",
+    "BestEffort",
+    "Delivery",
     "Frame",
+    "Identity",
     "Kind",
-    "NodeProgram",
+    "NodeSettings",
+    "Reliable",
+    "Sink",
+    "Transport",
     "decode_frame",
     "encode_frame",
-    "read_node_file",
-    "run_processes",
-    "write_node_file",
+    "read_settings",
+    "write_settings",
 ]
