@@ -4,12 +4,20 @@ Loads NumPy and the standard library only; transport, log and certificates are l
 a process runs is ``LocalObserver.step``, the one that was simulated.
 """
 
+from trigpoint.runtime.access import ROLES, Access, AccessRules, guest_rules, node_rules
 from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
+from trigpoint.runtime.endpoints import ADDRESS_KINDS, Address, is_local, parse_address, require_safe
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
+from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
 
 __all__ = [
+    "ADDRESS_KINDS",
     "FACTS",
+    "ROLES",
+    "Access",
+    "AccessRules",
+    "Address",
     "BestEffort",
     "Delivery",
     "Frame",
@@ -19,8 +27,15 @@ __all__ = [
     "Reliable",
     "Sink",
     "Transport",
+    "ZenohTransport",
     "decode_frame",
     "encode_frame",
+    "guest_rules",
+    "is_local",
+    "node_rules",
+    "open_transport",
+    "parse_address",
     "read_settings",
+    "require_safe",
     "write_settings",
 ]
