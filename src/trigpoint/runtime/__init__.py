@@ -5,6 +5,7 @@ a process runs is ``LocalObserver.step``, the one that was simulated.
 """
 
 from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
+from trigpoint.runtime.log import LogWriter
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
 
@@ -15,6 +16,7 @@ __all__ = [
     "Frame",
     "Identity",
     "Kind",
+    "LogWriter",
     "NodeSettings",
     "Reliable",
     "Sink",
