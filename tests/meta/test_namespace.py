@@ -28,7 +28,7 @@ NODE_PACKAGES = {
     "trigpoint.observers.local": {"numpy"},
     "trigpoint.observers.acceleration": {"numpy"},
     "trigpoint.observers.run": {"numpy", "xarray"},  # xarray only inside Run.dataset
-    "trigpoint.runtime": {"numpy", "zenoh", "mcap"},
+    "trigpoint.runtime": {"numpy", "zenoh", "mcap", "zstandard", "lz4"},
 }
 
 

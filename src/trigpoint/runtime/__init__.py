@@ -7,6 +7,7 @@ a process runs is ``LocalObserver.step``, the one that was simulated.
 from trigpoint.runtime.access import ROLES, Access, AccessRules, guest_rules, node_rules
 from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
 from trigpoint.runtime.endpoints import ADDRESS_KINDS, Address, is_local, parse_address, require_safe
+from trigpoint.runtime.log import LogWriter
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
 from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
@@ -23,6 +24,7 @@ __all__ = [
     "Frame",
     "Identity",
     "Kind",
+    "LogWriter",
     "NodeSettings",
     "Reliable",
     "Sink",
