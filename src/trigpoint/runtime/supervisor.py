@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -90,6 +91,8 @@ class Supervisor:
         self._group: dict[str, _Child] = {}
         self._epoch, self._sequence = new_epoch(), 0
         self._looked = 0.0
+        self._lost: tuple[str, ...] | None = None
+        self._lock = threading.RLock()  # orders may come from the page's thread
         self.events: list[tuple[float, str, str]] = []
         position = 0
         for group in plan.groups:
@@ -114,33 +117,36 @@ class Supervisor:
 
     def tick(self) -> None:
         """Look after the processes: notice who died, start again whose time has come, now and then take measures."""
-        now, changed = self._clock.now(), False
-        for child in self._everybody():
-            changed |= self._look_after(child, now)
-        if now - self._looked >= 1.0:
-            self._measure()
-            self._looked = now
-        if changed:
-            self._write_status()
+        with self._lock:
+            now, changed = self._clock.now(), False
+            for child in self._everybody():
+                changed |= self._look_after(child, now)
+            if now - self._looked >= 1.0:
+                self._measure()
+                self._looked = now
+            if changed:
+                self._write_status()
 
     def stop(self) -> None:
         """End everybody in order: nodes first, so that they can say goodbye, then the plant; the stubborn are killed."""
-        self._measure()
-        for group in (self._children, [] if self._plant is None else [self._plant]):
-            running = [child for child in group if child.process is not None]
-            for child in running:
-                _signal(child, signal.SIGTERM)
-            limit = self._clock.now() + _PATIENCE
-            for child in running:
-                assert child.process is not None  # selected above
-                try:
-                    child.process.wait(max(0.1, limit - self._clock.now()))
-                except subprocess.TimeoutExpired:
-                    _signal(child, signal.SIGKILL)
-                    child.process.wait()
-                self._buried(child)
-                child.due = None
-        self._write_status()
+        with self._lock:
+            self._measure()
+            self._lost = self.dead
+            for group in (self._children, [] if self._plant is None else [self._plant]):
+                running = [child for child in group if child.process is not None]
+                for child in running:
+                    _signal(child, signal.SIGTERM)
+                limit = self._clock.now() + _PATIENCE
+                for child in running:
+                    assert child.process is not None  # selected above
+                    try:
+                        child.process.wait(max(0.1, limit - self._clock.now()))
+                    except subprocess.TimeoutExpired:
+                        _signal(child, signal.SIGKILL)
+                        child.process.wait()
+                    self._buried(child)
+                    child.due = None
+            self._write_status()
 
     def pause(self, name: str) -> None:
         """Let the node ``name`` listen only."""
@@ -152,29 +158,36 @@ class Supervisor:
 
     def kill(self, name: str) -> None:
         """Kill the process of the node ``name``, with everybody in it, until it is revived."""
-        child = self._child(name)
-        child.due = None
-        if child.process is not None:
-            _signal(child, signal.SIGKILL)
-            child.process.wait()
-            self._buried(child)
-        self._note(child, "killed on request")
-        self._write_status()
+        with self._lock:
+            child = self._child(name)
+            child.due = None
+            if child.process is not None:
+                _signal(child, signal.SIGKILL)
+                child.process.wait()
+                self._buried(child)
+            self._note(child, "killed on request")
+            self._write_status()
 
     def revive(self, name: str) -> None:
         """Start the process of the node ``name`` again, if it is dead; at once, whatever it waited for."""
-        child = self._child(name)
-        if child.process is None:
-            child.failures = 0
-            child.restarts += 1
-            self._launch(child)
-            self._write_status()
+        with self._lock:
+            child = self._child(name)
+            if child.process is None:
+                child.failures = 0
+                child.restarts += 1
+                self._launch(child)
+                self._write_status()
 
     # -- facts ------------------------------------------------------------------------------------------------------
     @property
     def dead(self) -> tuple[str, ...]:
         """Names of the nodes whose process does not run now."""
         return tuple(name for name, child in self._group.items() if child.process is None)
+
+    @property
+    def dead_before_the_end(self) -> tuple[str, ...]:
+        """Names of the nodes that did not run when ``stop`` was called (now, before that)."""
+        return self.dead if self._lost is None else self._lost
 
     @property
     def pids(self) -> dict[str, int | None]:
@@ -254,15 +267,14 @@ class Supervisor:
         self.events.append((self._clock.now(), child.label, text))
 
     def _order(self, name: str, order: float) -> None:
-        self._child(name)
+        child = self._child(name)
         if self._transport is None:
             raise ArgumentError("this supervisor has no transport, so it cannot give orders to a node")
-        frame = Frame(
-            Kind.CONTROL, self._plan.watcher, self._epoch, self._sequence, self._clock.now(), (order,)
-        )  # fmt: skip
-        self._sequence += 1
+        with self._lock:
+            number, self._sequence = self._sequence, self._sequence + 1
+        frame = Frame(Kind.CONTROL, self._plan.watcher, self._epoch, number, self._clock.now(), (order,))
         self._transport.publish(node_key(self._plan.network, name, "control"), encode_frame(frame))
-        self._note(self._child(name), "paused" if order == PAUSE else "told to go on")
+        self._note(child, "paused" if order == PAUSE else "told to go on")
 
     def _measure(self) -> None:
         psutil = _psutil()
