@@ -5,22 +5,42 @@ a process runs is ``LocalObserver.step``, the one that was simulated.
 """
 
 from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
+from trigpoint.runtime.gate import REASONS, Counters
+from trigpoint.runtime.knowledge import Knowledge
+from trigpoint.runtime.links import TABLE, Event, State
+from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
+from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
 
 __all__ = [
     "FACTS",
+    "GO",
+    "LINK_FIELDS",
+    "PAUSE",
+    "REASONS",
+    "STATUS_FIELDS",
+    "TABLE",
     "BestEffort",
+    "Counters",
     "Delivery",
+    "Event",
     "Frame",
     "Identity",
     "Kind",
+    "Knowledge",
+    "LinkStatus",
+    "NodeMachine",
     "NodeSettings",
+    "NodeStatus",
+    "Outgoing",
     "Reliable",
     "Sink",
+    "State",
     "Transport",
     "decode_frame",
     "encode_frame",
+    "node_status",
     "read_settings",
     "write_settings",
 ]
