@@ -8,7 +8,12 @@ from trigpoint.runtime.access import ROLES, Access, AccessRules, guest_rules, no
 from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
 from trigpoint.runtime.endpoints import ADDRESS_KINDS, Address, is_local, parse_address, require_safe
 from trigpoint.runtime.log import LogWriter
+from trigpoint.runtime.gate import REASONS, Counters
+from trigpoint.runtime.knowledge import Knowledge
+from trigpoint.runtime.links import TABLE, Event, State
+from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
+from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
 from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
 
@@ -19,15 +24,29 @@ __all__ = [
     "Access",
     "AccessRules",
     "Address",
+    "GO",
+    "LINK_FIELDS",
+    "PAUSE",
+    "REASONS",
+    "STATUS_FIELDS",
+    "TABLE",
     "BestEffort",
+    "Counters",
     "Delivery",
+    "Event",
     "Frame",
     "Identity",
     "Kind",
     "LogWriter",
+    "Knowledge",
+    "LinkStatus",
+    "NodeMachine",
     "NodeSettings",
+    "NodeStatus",
+    "Outgoing",
     "Reliable",
     "Sink",
+    "State",
     "Transport",
     "ZenohTransport",
     "decode_frame",
@@ -37,6 +56,7 @@ __all__ = [
     "node_rules",
     "open_transport",
     "parse_address",
+    "node_status",
     "read_settings",
     "require_safe",
     "write_settings",
