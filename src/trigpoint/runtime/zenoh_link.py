@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import threading
+import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -115,6 +116,8 @@ class ZenohTransport:
             self._session = self._zenoh.open(config)
         except self._zenoh.ZError as error:
             raise ArgumentError(_refusal(listen, connect, str(error))) from error
+        # An interpreter that ends while frames still arrive would wait for ever: the session ends first, at exit, too.
+        self._end = weakref.finalize(self, self._session.close)
 
     @property
     def delivery(self) -> Delivery:
@@ -164,7 +167,7 @@ class ZenohTransport:
                         sink(str(sample.key_expr), sample.payload.to_bytes())
 
         self._hold(pattern, lambda: self._session.declare_subscriber(
-            pattern, hand_over, allowed_origin=self._zenoh.Locality.REMOTE
+            pattern, self._direct(hand_over), allowed_origin=self._zenoh.Locality.REMOTE
         ))  # fmt: skip
 
     def announce(self, key: str) -> None:
@@ -190,7 +193,9 @@ class ZenohTransport:
                 if self._open:
                     present(str(sample.key_expr), sample.kind == put)
 
-        self._hold(pattern, lambda: self._session.liveliness().declare_subscriber(pattern, tell, history=True))
+        self._hold(
+            pattern, lambda: self._session.liveliness().declare_subscriber(pattern, self._direct(tell), history=True)
+        )
 
     def close(self) -> None:
         """End all links; nothing reaches a sink afterwards. A second time does nothing."""
@@ -198,9 +203,13 @@ class ZenohTransport:
             if not self._open:
                 return
             self._open = False
-        self._session.close()
+        self._end()
         self._held.clear()
         self._publishers.clear()
+
+    def _direct(self, callback: Callable[[Any], None]) -> Any:
+        """In the thread that receives: a flood then waits in the sender's socket, not in our memory."""
+        return self._zenoh.handlers.Callback(callback, indirect=False)
 
     def _hold(self, pattern: str, declare: Callable[[], Any]) -> None:
         try:
