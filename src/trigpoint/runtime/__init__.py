@@ -12,6 +12,8 @@ from trigpoint.runtime.gate import REASONS, Counters
 from trigpoint.runtime.knowledge import Knowledge
 from trigpoint.runtime.links import TABLE, Event, State
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
+from trigpoint.runtime.log_read import Event, Log, Series, read_log
+from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
@@ -37,6 +39,7 @@ __all__ = [
     "Frame",
     "Identity",
     "Kind",
+    "Log",
     "LogWriter",
     "Knowledge",
     "LinkStatus",
@@ -45,6 +48,7 @@ __all__ = [
     "NodeStatus",
     "Outgoing",
     "Reliable",
+    "Series",
     "Sink",
     "State",
     "Transport",
@@ -59,5 +63,10 @@ __all__ = [
     "node_status",
     "read_settings",
     "require_safe",
+    "read_log",
+    "read_run",
+    "read_settings",
+    "restarts",
+    "run_of",
     "write_settings",
 ]
