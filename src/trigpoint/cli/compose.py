@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +27,7 @@ class Given:
     agent: LinearAgent
     design: DesignSection
     simulate: SimulateSection
-    run: RunSection = RunSection()
+    run: RunSection = field(default_factory=RunSection)
 
     @property
     def problem(self) -> NetworkedAgents:
@@ -43,7 +43,7 @@ class Stated:
     problem: SharedPlant | HyperNetwork | NetworkedAgents
     design: DesignSection
     simulate: SimulateSection
-    run: RunSection = RunSection()
+    run: RunSection = field(default_factory=RunSection)
 
 
 def read_any(path: Path) -> Given | Stated:

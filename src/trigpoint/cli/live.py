@@ -71,7 +71,9 @@ class Recorder:
             return None
         times, truth, estimate = (np.array(column) for column in zip(*self._rows, strict=True))
         shape = truth.shape[:2]
-        return Run(times, truth, estimate, np.zeros(shape, dtype=np.int64), np.full(shape, "anchored"), self._names, "live")
+        return Run(
+            times, truth, estimate, np.zeros(shape, dtype=np.int64), np.full(shape, "anchored"), self._names, "live"
+        )
 
 
 def _table(rows: tuple[FloatArray | None, ...]) -> FloatArray:
@@ -99,7 +101,7 @@ class LiveRun:
     def __post_init__(self) -> None:
         """Open the links; nothing runs yet."""
         plan = self.plan
-        roles = {name: "node" for name in plan.names}
+        roles = dict.fromkeys(plan.names, "node")
         if plan.plant is not None:
             roles[plan.plant.name] = "sensor"
         rules = None if plan.identity is None else guest_rules(plan.network, "supervisor", roles)

@@ -143,7 +143,7 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 @contextmanager
-def _places(out: Path | None, allow_plain: bool) -> Iterator[Places]:  # noqa: FBT001
+def _places(out: Path | None, allow_plain: bool) -> Iterator[Places]:
     """The run's folders; socket files lie in a short temporary one, since their paths may not be long."""
     sockets = Path(tempfile.mkdtemp(prefix="trigpoint-"))
     try:
@@ -155,7 +155,7 @@ def _places(out: Path | None, allow_plain: bool) -> Iterator[Places]:  # noqa: F
         shutil.rmtree(sockets, ignore_errors=True)
 
 
-def _prepared(plan: LivePlan, as_json: bool) -> int:  # noqa: FBT001
+def _prepared(plan: LivePlan, as_json: bool) -> int:
     plan.write()
     files = {node.name: str(plan.settings_file(k)) for k, node in enumerate(plan.nodes)}
     if as_json:
@@ -185,7 +185,7 @@ def _warn_of(address: str) -> None:
 
 
 @contextmanager
-def _shown(live: LiveRun, as_json: bool) -> Iterator[Any]:  # noqa: FBT001
+def _shown(live: LiveRun, as_json: bool) -> Iterator[Any]:
     """One line that changes, on a terminal; nothing elsewhere."""
     if as_json or not sys.stdout.isatty():
         yield lambda _: None

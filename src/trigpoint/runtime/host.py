@@ -136,7 +136,7 @@ class Host:
         machine.latch(due)
         took = time.perf_counter() - began
         self._send(number, outgoing)
-        machine.note(missed=missed, step_us=1e6 * took, dropped=self.dropped)
+        machine.took(took)
         heapq.heappush(self._agenda, (due + period, number))
 
     def _sink(self, number: int) -> Sink:
