@@ -71,9 +71,8 @@ class Recorder:
             return None
         times, truth, estimate = (np.array(column) for column in zip(*self._rows, strict=True))
         shape = truth.shape[:2]
-        return Run(
-            times, truth, estimate, np.zeros(shape, dtype=np.int64), np.full(shape, "anchored"), self._names, "live"
-        )
+        sent, status = np.zeros(shape, dtype=np.int64), np.full(shape, "anchored")
+        return Run(times, truth, estimate, sent, status, self._names, "live")
 
 
 def _table(rows: tuple[FloatArray | None, ...]) -> FloatArray:

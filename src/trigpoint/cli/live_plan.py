@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -146,7 +147,7 @@ def plan_of(design: Design, section: RunSection, places: Places) -> LivePlan:
 
 def _scenario(design: Design, period: float) -> Scenario:
     plain = {"times": None, "horizon": 1.0, "samples": 2, "period": period, "path": "reference"}
-    quiet = {"channel": None, "loss": 0.0, "clocks": None, "topology": None, "absences": [], "trigger": None,
+    quiet: dict[str, Any] = {"channel": None, "loss": 0.0, "clocks": None, "topology": None, "absences": [], "trigger": None,
              "motion": None, "gossip": False}  # fmt: skip
     section = design.given.simulate.model_copy(update={**plain, **quiet})
     return scenario_of(design.given, design.part, design.observer, section)

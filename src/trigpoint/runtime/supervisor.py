@@ -128,7 +128,7 @@ class Supervisor:
                 self._write_status()
 
     def stop(self) -> None:
-        """End everybody in order: nodes first, so that they can say goodbye, then the plant; the stubborn are killed."""
+        """End everybody in order: nodes first, who say goodbye, then the plant; the stubborn are killed."""
         with self._lock:
             self._measure()
             self._lost = self.dead
