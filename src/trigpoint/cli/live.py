@@ -21,10 +21,10 @@ from trigpoint.observers import AssembledObserver, Run
 from trigpoint.observers.aged import aged_decay_rate
 from trigpoint.runtime.access import guest_rules
 from trigpoint.runtime.clock import SystemClock
+from trigpoint.runtime.codec import Kind
 from trigpoint.runtime.log import LogWriter
 from trigpoint.runtime.monitor import Monitor, Snapshot
 from trigpoint.runtime.plan import LivePlan
-from trigpoint.runtime.status import NodeStatus
 from trigpoint.runtime.supervisor import Supervisor, Usage
 from trigpoint.runtime.zenoh_link import ZenohTransport
 
@@ -195,8 +195,7 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
     """The JSON object of ``run``."""
     plan, statuses = live.plan, [status for status in last.status if status is not None]
     run = live.recorder.run()
-    age = message_age(plan.nodes[0].period, statuses)
-    oldest = age <= 8.0 * plan.nodes[0].period
+    age, reading_age = ages(live)
     usage = live.supervisor.usage()
     lasted = max(last.time, 1e-9)
     norms = None if run is None else run.error_norm
@@ -207,9 +206,10 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
         "rate": 1.0 / plan.nodes[0].period,
         "seconds": last.time,
         "decay_rate_measured": None if run is None else run.measured_decay_rate(),
-        "decay_rate_predicted": aged_decay_rate(observer, plan.nodes[0].period, age) if oldest else None,
+        "decay_rate_predicted": _predicted(live, observer),
         "decay_rate": plan.nodes[0].decay_rate,
         "message_age": age,
+        "reading_age": reading_age,
         "initial_error": None if norms is None else float(norms[0]),
         "final_error": None if norms is None else float(norms[-1]),
         "relative_error": None if norms is None or not size else float(norms[-1]) / size,
@@ -230,14 +230,24 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
     }
 
 
-def message_age(period: float, statuses: list[NodeStatus]) -> float:
-    """Average age of a message when it is used: half a period, plus half the average smallest round trip.
+def ages(live: LiveRun) -> tuple[float, float]:
+    """Average age of a message and of a reading when it is used [s].
 
-    Of two nodes with equal periods, one hears the other's message a part p of a period after it was sent and the other
-    hears the one's after 1 - p: half a period on average, whatever the phases.
+    Half a period, plus the average time from the instant that a frame is for to its arrival, as the monitor sees it. Of
+    two nodes with equal periods one hears the other's message a part p of a period after its instant, and the other the
+    one's after 1 - p: half a period on average, whatever the phases. For readings half a period is the mean over phases.
     """
-    trips = [link.round_trip for status in statuses for link in status.links if link.round_trip is not None]
-    return 0.5 * period + (0.5 * float(np.mean(trips)) if trips else 0.0)
+    half = 0.5 * live.plan.nodes[0].period
+    return half + live.monitor.lateness(Kind.ESTIMATE), half + live.monitor.lateness(Kind.READING)
+
+
+def _predicted(live: LiveRun, observer: AssembledObserver) -> float | None:
+    """The rate with these ages; taken as they are, old values leave a floor instead (policy ``use``)."""
+    node = live.plan.nodes[0]
+    age, reading_age = ages(live)
+    if max(age, reading_age) > 16.0 * node.period:
+        return None
+    return aged_decay_rate(observer, node.period, age, reading_age if node.old == "propagate" else 0.0)
 
 
 def _nodes_cpu(usage: tuple[Usage, ...], plan: LivePlan) -> float:

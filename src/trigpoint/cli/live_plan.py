@@ -147,8 +147,8 @@ def plan_of(design: Design, section: RunSection, places: Places) -> LivePlan:
 
 def _scenario(design: Design, period: float) -> Scenario:
     plain = {"times": None, "horizon": 1.0, "samples": 2, "period": period, "path": "reference"}
-    quiet: dict[str, Any] = {"channel": None, "loss": 0.0, "clocks": None, "topology": None, "absences": [], "trigger": None,
-             "motion": None, "gossip": False}  # fmt: skip
+    quiet: dict[str, Any] = {"channel": None, "loss": 0.0, "clocks": None, "topology": None, "absences": [],
+                             "trigger": None, "motion": None, "gossip": False}  # fmt: skip
     section = design.given.simulate.model_copy(update={**plain, **quiet})
     return scenario_of(design.given, design.part, design.observer, section)
 

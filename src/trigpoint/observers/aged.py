@@ -1,20 +1,24 @@
-"""The decay rate that is left when every message has an age, but is moved to now by its sender's model."""
+"""The decay rate that is left when messages and readings have an age that is compensated by the agents' models."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import ArpackNoConvergence, eigs
 
+from trigpoint.arrays import FloatArray, expm
 from trigpoint.errors import ArgumentError
 from trigpoint.linalg.blocks import diagonal_of
 from trigpoint.observers.assembled import AssembledObserver
+from trigpoint.observers.local import LocalObserver
 
 _DENSE = 600
 _OLDEST = 64
 
 
-def aged_error_map(observer: AssembledObserver, period: float, age: float) -> sp.csr_array:
+def aged_error_map(observer: AssembledObserver, period: float, age: float, reading_age: float = 0.0) -> sp.csr_array:
     """M of ``(e_k+1, e_k, ..., e_k+1-q) = M (e_k, ..., e_k-q)`` where each node hears its neighbours' past.
 
     With ``T = e^{A h}`` and the nodes' own maps Phi, a step of ``period`` h is
@@ -23,7 +27,8 @@ def aged_error_map(observer: AssembledObserver, period: float, age: float) -> sp
 
     ``H_own`` and ``H_other`` the corrections by the own and by the neighbours' values. A message that is ``age`` =
     (i + w) h old tells what its sender knew then, moved to now: the corrections since are missing, and between two
-    exchanges they grow linearly.
+    exchanges they grow linearly. A reading that is ``reading_age`` = b old has the innovation of its own instant, from
+    values moved back by the models: ``C e^{-A b}`` stands for C in both corrections.
 
     We assume:
         * all messages are equally old; their average age where they are not (the effect is linear in short ages).
@@ -32,20 +37,20 @@ def aged_error_map(observer: AssembledObserver, period: float, age: float) -> sp
         observer: programs that exchange every ``period`` seconds.
         period: seconds, positive.
         age: seconds, at least 0 and at most 64 periods.
+        reading_age: seconds, in the same range.
 
     Raises:
         ArgumentError: a period or an age out of range.
     """
     if not (np.isfinite(period) and period > 0.0):
         raise ArgumentError(f"period must be a positive number of seconds; got {period}")
-    if not (np.isfinite(age) and 0.0 <= age <= _OLDEST * period):
-        raise ArgumentError(f"age must be a number of seconds from 0 to {_OLDEST} periods; got {age}")
+    for name, value in (("age", age), ("reading_age", reading_age)):
+        if not (np.isfinite(value) and 0.0 <= value <= _OLDEST * period):
+            raise ArgumentError(f"{name} must be a number of seconds from 0 to {_OLDEST} periods; got {value}")
     maps = [node.maps(period) for node in observer.nodes]
     T, phi = diagonal_of(one[0] for one in maps), diagonal_of(one[2] for one in maps)
-    own = diagonal_of(
-        -sum((arc.gain @ arc.output for arc in node.arcs), np.zeros_like(node.A)) for node in observer.nodes
-    )
-    other = phi @ (observer.error_matrix() - diagonal_of(node.A for node in observer.nodes) - own)
+    own, other = _corrections(observer, reading_age)
+    other = phi @ other
     whole = int(age / period)
     share = age / period - whole
     blocks: list[sp.csr_array] = [sp.csr_array(T + phi @ own)] + [sp.csr_array(T.shape)] * (whole + 1)
@@ -64,7 +69,36 @@ def aged_error_map(observer: AssembledObserver, period: float, age: float) -> sp
     return sp.csr_array(sp.block_array(rows))
 
 
-def aged_decay_rate(observer: AssembledObserver, period: float, age: float) -> float | None:
+def _corrections(observer: AssembledObserver, reading_age: float) -> tuple[sp.csr_array, sp.csr_array]:
+    """``H_own`` (block diagonal) and ``H_other``, for readings of an age."""
+    aged = replace(observer, nodes=tuple(_read_late(observer, node, reading_age) for node in observer.nodes))
+    own = diagonal_of(-sum((arc.gain @ arc.output for arc in node.arcs), np.zeros_like(node.A)) for node in aged.nodes)
+    return own, sp.csr_array(aged.error_matrix() - diagonal_of(node.A for node in aged.nodes) - own)
+
+
+def _read_late(observer: AssembledObserver, node: LocalObserver, age: float) -> LocalObserver:
+    """The program with ``C e^{-A age}`` for C on every arc that has a reading."""
+    if age == 0.0:
+        return node
+
+    def back(name: str) -> FloatArray:
+        return expm(-age * observer.nodes[observer.names.index(name)].A)
+
+    arcs = tuple(
+        arc
+        if arc.label is None
+        else replace(
+            arc,
+            output=arc.output @ back(node.name),
+            neighbour_output=None if arc.neighbour_output is None else arc.neighbour_output @ back(str(arc.neighbour)),
+            more=tuple((name, rows @ back(name)) for name, rows in arc.more),
+        )
+        for arc in node.arcs
+    )
+    return replace(node, arcs=arcs, _memo={})
+
+
+def aged_decay_rate(observer: AssembledObserver, period: float, age: float, reading_age: float = 0.0) -> float | None:
     """Predicted rate s of ``|e(t)| ~ e^{-s t}``: ``s = -log(spectral radius of aged_error_map) / period``, 1/s.
 
     For agents with constant scalar states the slowest mode v of L = D - Adj has, to first order,
@@ -72,11 +106,11 @@ def aged_decay_rate(observer: AssembledObserver, period: float, age: float) -> f
     a period old on average.
 
     Args:
-        observer, period, age: as in ``aged_error_map``.
+        observer, period, age, reading_age: as in ``aged_error_map``.
 
     Returns None where the eigenvalue iteration does not converge.
     """
-    matrix = aged_error_map(observer, period, age)
+    matrix = aged_error_map(observer, period, age, reading_age)
     if matrix.shape[0] <= _DENSE:
         radius = float(np.abs(np.linalg.eigvals(matrix.toarray())).max())
     else:

@@ -100,6 +100,7 @@ class Monitor:
         self._truths: dict[str, Frame] = {}
         self._statuses: dict[str, NodeStatus] = {}
         self._readings: dict[int, FloatArray] = {}
+        self._late = {Kind.ESTIMATE: (0, 0.0), Kind.READING: (0, 0.0)}
         self.hooks: list[Hook] = []
         self.received = self.dropped = self.malformed = self.received_bytes = 0
         transport.subscribe(everything(network), self._sink)
@@ -138,7 +139,15 @@ class Monitor:
                 hook(frame, arrived)
         return count
 
+    def lateness(self, kind: Kind) -> float:
+        """Average seconds from the instant that a frame of this ``kind`` (estimate, reading) is for to its arrival."""
+        count, total = self._late[kind]
+        return max(0.0, total / count) if count else 0.0
+
     def _keep(self, frame: Frame, arrived: float) -> None:
+        if frame.kind in self._late:
+            count, total = self._late[frame.kind]
+            self._late[frame.kind] = count + 1, total + (arrived - frame.time)
         if frame.kind is Kind.READING:
             self._readings[int(frame.fact("label"))] = frame.values
             return
