@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from trigpoint.errors import TrigpointError
@@ -45,9 +46,11 @@ def run_nodes(nodes: Sequence[tuple[NodeSettings, Path | None]], *, tied: bool) 
     clock, members = SystemClock(), []
     for settings, path in nodes:
         machine = NodeMachine(settings, epoch=new_epoch(), now=clock.now())
-        reread = None if path is None else _reader(path)
-        members.append(Member(machine, open_transport(settings), reread))
-    Host(members, clock).run(tied=tied)
+        members.append(Member(machine, open_transport, None if path is None else partial(read_settings, path)))
+    host = Host(members, clock)
+    host.run(tied=tied)
+    if host.dropped:
+        print(f"{host.dropped} frames were dropped: they came faster than they could be looked at", file=sys.stderr)
 
 
 def run_plant(settings: PlantSettings, *, tied: bool) -> None:
@@ -67,10 +70,6 @@ def plant_transport(settings: PlantSettings) -> Transport:
         roles = {name: "node" if name in shown else "supervisor" for name in settings.peers}
         rules = guest_rules(settings.network, "sensor", roles)
     return ZenohTransport(settings.listen, list(settings.peers.values()), identity=settings.identity, rules=rules)
-
-
-def _reader(path: Path):  # type: ignore[no-untyped-def]
-    return lambda: read_settings(path)
 
 
 if __name__ == "__main__":

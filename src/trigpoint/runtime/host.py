@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import heapq
 import queue
+import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from trigpoint.errors import TrigpointError
 from trigpoint.runtime.clock import Clock
 from trigpoint.runtime.endings import Order, listen_for_orders
 from trigpoint.runtime.machine import NodeMachine, Outgoing
@@ -25,12 +27,12 @@ class Member:
 
     Attributes:
         machine: its protocol.
-        transport: its own links.
+        links: opens its own links, from its settings; again when these change.
         reread: reads its settings again, or None.
     """
 
     machine: NodeMachine
-    transport: Transport
+    links: Callable[[NodeSettings], Transport]
     reread: Callable[[], NodeSettings] | None = None
 
 
@@ -61,6 +63,7 @@ class Host:
         self._mail: queue.SimpleQueue[_Arrival | Order] = queue.SimpleQueue()
         self._next: deque[_Arrival] = deque()
         self._agenda: list[tuple[float, int]] = []
+        self._transports: list[Transport] = []
         self.dropped = 0
 
     def tell(self, order: Order) -> None:
@@ -78,10 +81,10 @@ class Host:
             self.stop()
 
     def start(self) -> None:
-        """Subscribe, say hello, and set the first deadlines."""
+        """Open the links, say hello, and set the first deadlines."""
+        self._transports = [member.links(member.machine.settings) for member in self._members]
         for number, member in enumerate(self._members):
-            for pattern in member.machine.subscriptions():
-                member.transport.subscribe(pattern, self._sink(number))
+            self._subscribe(number, member.machine.subscriptions())
         now = self._clock.now()
         for number, member in enumerate(self._members):
             period = member.machine.settings.period
@@ -93,8 +96,8 @@ class Host:
         """Say goodbye and close the links."""
         for number, member in enumerate(self._members):
             self._send(number, member.machine.stop(self._clock.now()))
-        for member in self._members:
-            member.transport.close()
+        for transport in self._transports:
+            transport.close()
 
     def turn(self) -> bool:
         """Take the next thing in time, an arrival or a deadline; False when told to stop."""
@@ -160,11 +163,38 @@ class Host:
             self.dropped += 1
 
     def _send(self, number: int, outgoing: Sequence[Outgoing]) -> None:
-        publish = self._members[number].transport.publish
+        publish = self._transports[number].publish
         for one in outgoing:
             publish(one.key, one.data)
 
     def _reload(self) -> None:
-        for member in self._members:
-            if member.reread is not None:
-                member.machine.reload(member.reread(), self._clock.now())
+        for number, member in enumerate(self._members):
+            if member.reread is None:
+                continue
+            try:
+                self._adopt(number, member.reread())
+            except TrigpointError as error:  # a slip in the file must not end a node that runs
+                print(f"settings not taken: {error}", file=sys.stderr, flush=True)
+
+    def _adopt(self, number: int, settings: NodeSettings) -> None:
+        """The node goes on with new ``settings``; links are opened afresh only where addresses or rights changed."""
+        member = self._members[number]
+        old, listening = member.machine.settings, set(member.machine.subscriptions())
+        member.machine.reload(settings, self._clock.now())
+        if _links_of(old) == _links_of(settings):
+            self._subscribe(number, set(member.machine.subscriptions()) - listening)
+            return
+        self._transports[number].close()
+        self._transports[number] = member.links(settings)
+        self._subscribe(number, member.machine.subscriptions())
+
+    def _subscribe(self, number: int, patterns: Iterable[str]) -> None:
+        sink = self._sink(number)
+        for pattern in patterns:
+            self._transports[number].subscribe(pattern, sink)
+
+
+def _links_of(settings: NodeSettings) -> tuple[object, ...]:
+    """What an open transport depends on; plain links have no rules."""
+    rights = None if settings.identity is None else (settings.program.hears, settings.program.reads, settings.guests)
+    return settings.listen, dict(settings.peers), settings.identity, rights
