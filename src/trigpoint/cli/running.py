@@ -215,9 +215,9 @@ def _summarize(facts: dict[str, Any], log: Path) -> None:
         share = facts["relative_error"]
         percent = "" if share is None else f" ({100.0 * share:.3g} % of |x|)"
         table.add_row("error norm", f"{facts['initial_error']:.4g} -> {facts['final_error']:.4g}{percent}")
-    table.add_row("decay rate", f"measured {_number(facts['decay_rate_measured'])} /s, predicted "
-                                f"{_number(facts['decay_rate_predicted'])} /s with messages "
-                                f"{1e3 * facts['message_age']:.1f} ms old, readings {1e3 * facts['reading_age']:.1f}")  # fmt: skip
+    measured, predicted = _number(facts["decay_rate_measured"]), _number(facts["decay_rate_predicted"])
+    ages = f"messages {1e3 * facts['message_age']:.1f} ms old, readings {1e3 * facts['reading_age']:.1f} ms"
+    table.add_row("decay rate", f"measured {measured} /s, predicted {predicted} /s with {ages}")
     table.add_row("anchored", f"{facts['anchored']} of {facts['nodes']} (guarantee covers {facts['covered']})")
     table.add_row("restarts", f"{facts['restarts']}" + (f"; dead: {', '.join(facts['dead'])}" if facts["dead"] else ""))
     table.add_row("missed deadlines", f"{facts['missed']} of {facts['acts'] + facts['missed']}")
