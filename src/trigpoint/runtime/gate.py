@@ -115,7 +115,7 @@ class Route:
         sized = frame.kind in (Kind.ESTIMATE, Kind.READING)
         if frame.values.shape[0] != (self.size if sized else 0):
             return "size"
-        if sized and frame.values.size and float(abs(frame.values).max()) > LARGEST_VALUE:
+        if sized and max(map(abs, frame.values.tolist()), default=0.0) > LARGEST_VALUE:
             return "malformed"
         if frame.kind is Kind.ESTIMATE and not _sensible(frame.facts):
             return "malformed"

@@ -16,7 +16,7 @@ from trigpoint.observers.local import LocalState
 from trigpoint.runtime.codec import Frame, Kind, decode_frame, encode_frame
 from trigpoint.runtime.gate import LARGEST_VALUE, REASONS, Counters, Route, Source
 from trigpoint.runtime.knowledge import Knowledge, averaged, learn
-from trigpoint.runtime.latched import NOTHING, Latched, Reading, latched
+from trigpoint.runtime.latched import NOTHING, Latched, Reading, latched, pull_rates
 from trigpoint.runtime.links import Heard, Link, State
 from trigpoint.runtime.routes import neighbours, routes_of
 from trigpoint.runtime.settings import NodeSettings
@@ -172,7 +172,7 @@ class NodeMachine:
             return
         oldest = now - settings.stale * (1.0 + _SNAP)
         fresh = {label: reading for label, reading in self._readings.items() if reading.time >= oldest}
-        self._latched = use = latched(settings, self._state, heard, fresh)
+        self._latched = use = latched(settings, self._rates, self._state, heard, fresh)
         self._known = learn(
             self._known, now, settings.anchor_timeout, own=use.own, missing=bool(use.missing), told=use.told
         )
@@ -214,6 +214,7 @@ class NodeMachine:
     # -- inside ----------------------------------------------------------------------------------------------------
     def _adopt(self, settings: NodeSettings) -> None:
         self._settings = settings
+        self._rates = pull_rates(settings.program)
         self._links = {name: self._links.get(name) or Link(name) for name in neighbours(settings)}
         known = self._sources
         self._sources = {}
