@@ -9,9 +9,12 @@ from trigpoint.runtime.gate import REASONS, Counters
 from trigpoint.runtime.knowledge import Knowledge
 from trigpoint.runtime.links import TABLE, Event, State
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
+from trigpoint.runtime.memory import MemoryNetwork
+from trigpoint.runtime.plants import LinearPlant, Plant
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
+from trigpoint.runtime.virtual import Down, Mute, Trouble, run_virtual
 
 __all__ = [
     "FACTS",
@@ -24,23 +27,30 @@ __all__ = [
     "BestEffort",
     "Counters",
     "Delivery",
+    "Down",
     "Event",
     "Frame",
     "Identity",
     "Kind",
     "Knowledge",
+    "LinearPlant",
     "LinkStatus",
+    "MemoryNetwork",
+    "Mute",
     "NodeMachine",
     "NodeSettings",
     "NodeStatus",
     "Outgoing",
+    "Plant",
     "Reliable",
     "Sink",
     "State",
     "Transport",
+    "Trouble",
     "decode_frame",
     "encode_frame",
     "node_status",
     "read_settings",
+    "run_virtual",
     "write_settings",
 ]
