@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,8 +61,11 @@ class Case:
         between = [(name, program.name) for program in self.programs for name in program.hears]
         return between + [(SENSOR, name) for name in self.names]
 
-    def network(self, further: Sequence[tuple[str, str]] = (), **options: object) -> MemoryNetwork:
-        return MemoryNetwork([*self.links(), *further], calm=[SENSOR], **options)  # type: ignore[arg-type]
+    def network(self, *, attacker: str | None = None, **options: object) -> MemoryNetwork:
+        """All links; an attacker hears everybody and reaches everybody."""
+        further = [] if attacker is None else [pair for n in self.names for pair in ((attacker, n), (n, attacker))]
+        calm = [SENSOR] if attacker is None else [SENSOR, attacker]
+        return MemoryNetwork([*self.links(), *further], calm=calm, **options)  # type: ignore[arg-type]
 
 
 def case(agent=OSCILLATOR, graph=None, gain=None, seed: int = 0, *, told: bool = False) -> Case:

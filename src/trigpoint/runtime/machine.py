@@ -258,13 +258,14 @@ class NodeMachine:
         self._resumed = False
         held = min(duration, max(period, settings.stale))
         use = self._latched
-        state = settings.program.step(state, use.inbox, use.readings, held, settings.input)
-        estimate = state.estimate
-        if duration > held:
-            estimate = settings.program.moved(estimate, duration - held, settings.input)
+        with np.errstate(over="ignore", invalid="ignore"):
+            state = settings.program.step(state, use.inbox, use.readings, held, settings.input)
+            estimate = state.estimate
+            if duration > held:
+                estimate = settings.program.moved(estimate, duration - held, settings.input)
         self._known = replace(self._known, uncertainty=averaged(self._known.uncertainty, use.pulls, held))
         self._state = LocalState(moment, state.sequence, estimate)
-        if not float(estimate @ estimate) < LARGEST_VALUE**2:
+        if not all(abs(value) <= LARGEST_VALUE for value in estimate.tolist()):
             self._begin_anew(moment)
 
     def _begin_anew(self, moment: float) -> None:
