@@ -244,6 +244,7 @@ class NodeMachine:
         """The state at ``now``, or at the nearest instant of the grid."""
         settings, state = self._settings, self._state
         period, elapsed = settings.period, now - state.time
+        resumed, self._resumed = self._resumed, False
         if elapsed <= _SNAP * period:
             self._state = LocalState(now, state.sequence, state.estimate)
             return
@@ -253,9 +254,8 @@ class NodeMachine:
             moment = state.time + duration
         if duration <= 0.0:
             return
-        if not self._resumed:
+        if not resumed:
             self._missed += max(0, round(elapsed / period) - 1)
-        self._resumed = False
         held = min(duration, max(period, settings.stale))
         use = self._latched
         with np.errstate(over="ignore", invalid="ignore"):
