@@ -17,13 +17,16 @@ from trigpoint.runtime.log import LogWriter
 from trigpoint.runtime.log_read import Event, Log, Series, read_log
 from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
+from trigpoint.runtime.memory import MemoryNetwork
 from trigpoint.runtime.monitor import Controls, Monitor, Snapshot
 from trigpoint.runtime.plan import TRANSPORTS, LivePlan
-from trigpoint.runtime.plant import Instrument, Part, Plant, PlantSettings
+from trigpoint.runtime.plant import Instrument, Part, PlantSettings, SimulatedPlant
+from trigpoint.runtime.plants import LinearPlant, Plant
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.supervisor import Supervisor, Usage
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
+from trigpoint.runtime.virtual import Down, Mute, Trouble, run_virtual
 from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
 
 __all__ = [
@@ -45,6 +48,7 @@ __all__ = [
     "Controls",
     "Counters",
     "Delivery",
+    "Down",
     "Event",
     "Frame",
     "Host",
@@ -52,13 +56,16 @@ __all__ = [
     "Instrument",
     "Kind",
     "Knowledge",
+    "LinearPlant",
     "LinkEvent",
     "LinkStatus",
     "LivePlan",
     "Log",
     "LogWriter",
     "Member",
+    "MemoryNetwork",
     "Monitor",
+    "Mute",
     "NodeMachine",
     "NodeSettings",
     "NodeStatus",
@@ -68,12 +75,14 @@ __all__ = [
     "PlantSettings",
     "Reliable",
     "Series",
+    "SimulatedPlant",
     "Sink",
     "Snapshot",
     "State",
     "Supervisor",
     "SystemClock",
     "Transport",
+    "Trouble",
     "Usage",
     "ZenohTransport",
     "decode_frame",
@@ -90,5 +99,6 @@ __all__ = [
     "require_safe",
     "restarts",
     "run_of",
+    "run_virtual",
     "write_settings",
 ]

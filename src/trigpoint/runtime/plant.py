@@ -163,7 +163,7 @@ def read_plant(path: Path) -> PlantSettings:
         raise FileFormatError(path, f"no plant settings: {error}") from error
 
 
-class Plant:
+class SimulatedPlant:
     """The truth as it moves; no clock and no socket in it.
 
     Args:
@@ -247,7 +247,7 @@ class PlantLoop:
         self._settings, self._transport, self._clock = settings, transport, clock
         origin = clock.now() if settings.origin is None else settings.origin
         self._origin = origin
-        self._plant = Plant(settings, epoch=epoch, origin=origin)
+        self._plant = SimulatedPlant(settings, epoch=epoch, origin=origin)
         self._orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
         self.missed = 0
 
