@@ -7,6 +7,7 @@ a process runs is ``LocalObserver.step``, the one that was simulated.
 from trigpoint.runtime.access import ROLES, Access, AccessRules, guest_rules, node_rules
 from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
 from trigpoint.runtime.endpoints import ADDRESS_KINDS, Address, is_local, parse_address, require_safe
+from trigpoint.runtime.keys import GUESTS, find_identity, make_keys
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
 from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
@@ -14,6 +15,7 @@ from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
 __all__ = [
     "ADDRESS_KINDS",
     "FACTS",
+    "GUESTS",
     "ROLES",
     "Access",
     "AccessRules",
@@ -30,8 +32,10 @@ __all__ = [
     "ZenohTransport",
     "decode_frame",
     "encode_frame",
+    "find_identity",
     "guest_rules",
     "is_local",
+    "make_keys",
     "node_rules",
     "open_transport",
     "parse_address",
