@@ -36,8 +36,8 @@ def check_transport(
         try:
             axiom(_Pair(first, second, patience, advance))
         finally:
-            first.close()
             second.close()
+            first.close()
 
 
 class _Pair:
