@@ -7,28 +7,56 @@ a process runs is ``LocalObserver.step``, the one that was simulated.
 from trigpoint.runtime.access import ROLES, Access, AccessRules, guest_rules, node_rules
 from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
 from trigpoint.runtime.endpoints import ADDRESS_KINDS, Address, is_local, parse_address, require_safe
+from trigpoint.runtime.gate import REASONS, Counters
 from trigpoint.runtime.keys import GUESTS, find_identity, make_keys
+from trigpoint.runtime.knowledge import Knowledge
+from trigpoint.runtime.links import TABLE, Event, State
+from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
+from trigpoint.runtime.memory import MemoryNetwork
+from trigpoint.runtime.plants import LinearPlant, Plant
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
+from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
+from trigpoint.runtime.virtual import Down, Mute, Trouble, run_virtual
 from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
 
 __all__ = [
     "ADDRESS_KINDS",
     "FACTS",
+    "GO",
     "GUESTS",
+    "LINK_FIELDS",
+    "PAUSE",
+    "REASONS",
     "ROLES",
+    "STATUS_FIELDS",
+    "TABLE",
     "Access",
     "AccessRules",
     "Address",
     "BestEffort",
+    "Counters",
     "Delivery",
+    "Down",
+    "Event",
     "Frame",
     "Identity",
     "Kind",
+    "Knowledge",
+    "LinearPlant",
+    "LinkStatus",
+    "MemoryNetwork",
+    "Mute",
+    "NodeMachine",
     "NodeSettings",
+    "NodeStatus",
+    "Outgoing",
+    "Plant",
     "Reliable",
     "Sink",
+    "State",
     "Transport",
+    "Trouble",
     "ZenohTransport",
     "decode_frame",
     "encode_frame",
@@ -37,9 +65,11 @@ __all__ = [
     "is_local",
     "make_keys",
     "node_rules",
+    "node_status",
     "open_transport",
     "parse_address",
     "read_settings",
     "require_safe",
+    "run_virtual",
     "write_settings",
 ]
