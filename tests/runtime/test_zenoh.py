@@ -20,8 +20,10 @@ from trigpoint.observers.local import LocalObserver
 from trigpoint.runtime import (
     AccessRules,
     BestEffort,
+    MemoryNetwork,
     NodeSettings,
     Reliable,
+    Transport,
     ZenohTransport,
     open_transport,
 )
@@ -61,6 +63,19 @@ def test_the_conformance_kit_passes(kind) -> None:
         return first, ZenohTransport("", [where], identity=links.identity(kind, "b"))
 
     check_transport(pair, patience=links.PATIENCE)
+
+
+@pytest.mark.parametrize(
+    "trouble", [{}, {"delay": 0.05}, {"loss": 0.2, "delay": 0.05, "jitter": 0.01}], ids=["plain", "late", "lossy"]
+)
+def test_the_conformance_kit_passes_in_memory(trouble) -> None:
+    networks: list[MemoryNetwork] = []
+
+    def pair() -> tuple[Transport, Transport]:
+        networks.append(MemoryNetwork([("a", "b"), ("b", "a")], **trouble))
+        return networks[-1].transport("a"), networks[-1].transport("b")
+
+    check_transport(pair, patience=2.0, advance=lambda: networks[-1].deliver(networks[-1].now + 0.01))
 
 
 def test_the_weaker_guarantee_counts() -> None:
