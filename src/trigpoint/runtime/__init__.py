@@ -10,6 +10,7 @@ from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_fra
 from trigpoint.runtime.endpoints import ADDRESS_KINDS, Address, is_local, parse_address, require_safe
 from trigpoint.runtime.gate import REASONS, Counters
 from trigpoint.runtime.host import Host, Member
+from trigpoint.runtime.keys import GUESTS, find_identity, make_keys
 from trigpoint.runtime.knowledge import Knowledge
 from trigpoint.runtime.links import TABLE, State
 from trigpoint.runtime.links import Event as LinkEvent
@@ -33,6 +34,7 @@ __all__ = [
     "ADDRESS_KINDS",
     "FACTS",
     "GO",
+    "GUESTS",
     "LINK_FIELDS",
     "PAUSE",
     "REASONS",
@@ -87,8 +89,10 @@ __all__ = [
     "ZenohTransport",
     "decode_frame",
     "encode_frame",
+    "find_identity",
     "guest_rules",
     "is_local",
+    "make_keys",
     "node_rules",
     "node_status",
     "open_transport",
