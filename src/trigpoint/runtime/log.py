@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -113,8 +114,8 @@ class LogWriter:
     ) -> None:
         try:
             data = _encode(message).encode("ascii")
-            received, sent = (round(time * 1e9) for time in times)
-        except (ValueError, OverflowError) as error:
+            received, sent = (_nanoseconds(time) for time in times)
+        except ValueError as error:
             raise ArgumentError(f"what is logged under {topic} must consist of finite numbers; {error}") from error
         if not self._file.add(topic, schema, data, sequence, (received, sent)):
             self._dropped += 1
@@ -123,3 +124,10 @@ class LogWriter:
         while not self._ended.wait(FLUSH_EVERY):
             with contextlib.suppress(FileFormatError):  # kept by the file; the next write and close say it
                 self._file.flush()
+
+
+def _nanoseconds(time: float) -> int:
+    """The container's time, which begins in 1970 and has 64 bits; a clock that is far off is brought to the ends."""
+    if not math.isfinite(time):
+        raise ValueError(f"the time {time} is not finite")
+    return round(min(max(time, 0.0), 9e9) * 1e9)

@@ -110,20 +110,20 @@ def read_log(path: str | Path) -> Log:
         MissingExtraError: mcap is not installed.
     """
     reader = McapReader(path)
-    gatherers: dict[Channel, _Gatherer | None] = {}
+    gatherers: dict[Channel, _Gatherer] = {}
     events: list[Event] = []
     odd = 0
     for channel, received, _, data in reader.messages():
         if channel not in gatherers:
-            gatherers[channel] = _Gatherer(channel.topic) if channel.encoding == "json" else None
+            gatherers[channel] = _Gatherer(channel)
         gatherer = gatherers[channel]
-        if gatherer is None:
+        if not gatherer.family:
             continue
         try:
             message = _decode(data.decode("utf-8"))
-            if channel.topic == "/event":
+            if gatherer.family == "event":
                 events.append(_event(message))
-            elif gatherer.family:
+            else:
                 odd += not gatherer.take(message, received)
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
             what = f"{type(error).__name__}: {error}"
@@ -131,7 +131,7 @@ def read_log(path: str | Path) -> Log:
                 path, f"a message of {channel.topic!r} does not follow its schema ({what})"
             ) from error
     network, names, attributes = _header(reader)
-    tables = _tables(path, [one for one in gatherers.values() if one is not None and one.family and one.times])
+    tables = _tables(path, [one for one in gatherers.values() if one.times])
     return Log(
         str(path),
         network,
@@ -158,10 +158,12 @@ _decode: Callable[[str], Any] = json.JSONDecoder(parse_constant=_no_constant).de
 class _Gatherer:
     """The numbers of one topic as they come in."""
 
-    def __init__(self, topic: str) -> None:
-        parts = topic.split("/")
+    def __init__(self, channel: Channel) -> None:
+        parts = channel.topic.split("/") if channel.encoding == "json" else []
         self.family, self.name = "", ""
-        if len(parts) == 4 and parts[:2] == ["", "node"] and parts[3] in ("estimate", "status"):
+        if parts == ["", "event"]:
+            self.family = "event"
+        elif len(parts) == 4 and parts[:2] == ["", "node"] and parts[3] in ("estimate", "status"):
             self.family, self.name = parts[3], name_of(parts[2])
         elif len(parts) == 3 and parts[0] == "" and parts[1] in ("reading", "truth"):
             self.family, self.name = parts[1], name_of(parts[2])
