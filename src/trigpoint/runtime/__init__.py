@@ -5,29 +5,49 @@ a process runs is ``LocalObserver.step``, the one that was simulated.
 """
 
 from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
+from trigpoint.runtime.gate import REASONS, Counters
+from trigpoint.runtime.knowledge import Knowledge
+from trigpoint.runtime.links import TABLE, Event, State
 from trigpoint.runtime.log import LogWriter
-from trigpoint.runtime.log_read import Event, Log, Series, read_log
+from trigpoint.runtime.log_read import Log, LogEvent, Series, read_log
 from trigpoint.runtime.log_run import read_run, restarts, run_of
+from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
+from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
 
 __all__ = [
     "FACTS",
+    "GO",
+    "LINK_FIELDS",
+    "PAUSE",
+    "REASONS",
+    "STATUS_FIELDS",
+    "TABLE",
     "BestEffort",
+    "Counters",
     "Delivery",
     "Event",
     "Frame",
     "Identity",
     "Kind",
+    "Knowledge",
+    "LinkStatus",
     "Log",
+    "LogEvent",
     "LogWriter",
+    "NodeMachine",
     "NodeSettings",
+    "NodeStatus",
+    "Outgoing",
     "Reliable",
     "Series",
     "Sink",
+    "State",
     "Transport",
     "decode_frame",
     "encode_frame",
+    "node_status",
     "read_log",
     "read_run",
     "read_settings",

@@ -59,7 +59,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Event:
+class LogEvent:
     """What happened (``text``) at ``time`` [s] to ``node``, or to the run (None)."""
 
     time: float
@@ -96,7 +96,7 @@ class Log:
     truths: Mapping[str, Series]
     statuses: Mapping[str, Series]
     readings: Mapping[int, Series]
-    events: tuple[Event, ...]
+    events: tuple[LogEvent, ...]
     odd: int = 0
 
 
@@ -111,7 +111,7 @@ def read_log(path: str | Path) -> Log:
     """
     reader = McapReader(path)
     gatherers: dict[Channel, _Gatherer] = {}
-    events: list[Event] = []
+    events: list[LogEvent] = []
     odd = 0
     for channel, received, _, data in reader.messages():
         if channel not in gatherers:
@@ -225,11 +225,11 @@ def _label(path: str | Path, text: str) -> int:
         raise FileFormatError(path, f"a reading's topic must end in a whole number; got {text[:40]!r}") from error
 
 
-def _event(message: Any) -> Event:
+def _event(message: Any) -> LogEvent:
     time, text, node = float(message["time"]), message["text"], message["node"]
     if not isinstance(text, str) or not isinstance(node, str | None) or not np.isfinite(time):
         raise ValueError("an event has a finite time, a text, and a node or null")
-    return Event(time, text, node)
+    return LogEvent(time, text, node)
 
 
 def _header(reader: McapReader) -> tuple[str, tuple[str, ...], dict[str, Any]]:
