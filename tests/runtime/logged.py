@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from trigpoint.runtime import Frame, Kind, LogWriter
+from trigpoint.runtime import LINK_FIELDS, STATUS_FIELDS, Frame, Kind, LogWriter
 
 EPOCH = 1_700_000_000_000_000_000
 START = 1_700_000_000.0
+ATTRIBUTES = {"anchor_timeout": 1.0, "seed": 3, "hears": {"a": ["b/c", "d"], "b/c": ["a"]}}
 
 
 def estimate(name: str, k: int, time: float, values: Any, epoch: int = EPOCH, evidence: float = 0.0) -> Frame:
@@ -33,7 +34,7 @@ def status(name: str, k: int, time: float, values: Any) -> Frame:
 
 def small_log(path: Path, rounds: int = 6) -> Path:
     """Two nodes with truth, readings, statuses and events; the file is closed."""
-    with LogWriter(path, network="net", names=["a", "b/c"], attributes={"anchor_timeout": 1.0, "seed": 3}) as log:
+    with LogWriter(path, network="net", names=["a", "b/c"], attributes=ATTRIBUTES) as log:
         log.event("began", time=START)
         for k in range(rounds):
             now = START + 0.1 * k
@@ -41,7 +42,7 @@ def small_log(path: Path, rounds: int = 6) -> Path:
                 log.write(truth(name, k, now, [1.0, k]), now + 0.001)
                 log.write(estimate(name, k, now, [1.5, k], evidence=now - 0.05), now + 0.002)
             log.write(reading(-3, k, now, [0.25]), now + 0.003)
-            log.write(status("a", k, now, [1.0] * (2 + k)), now + 0.004)
+            log.write(status("a", k, now, [1.0] * (len(STATUS_FIELDS) + len(LINK_FIELDS) * (k % 3))), now + 0.004)
         log.write(Frame(Kind.BYE, "a", EPOCH, 0, now), now)
         log.event("lost", "a", time=now)
     return path

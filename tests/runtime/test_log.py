@@ -19,7 +19,19 @@ from mcap.reader import make_reader
 
 from tests.runtime.logged import EPOCH, START, estimate, small_log, status
 from trigpoint.errors import ArgumentError, FileFormatError, MissingExtraError
-from trigpoint.runtime import FACTS, Frame, Kind, Log, LogWriter, Series, mcap_write, read_log
+from trigpoint.runtime import (
+    FACTS,
+    LINK_FIELDS,
+    STATUS_FIELDS,
+    Frame,
+    Kind,
+    Log,
+    LogWriter,
+    Series,
+    State,
+    mcap_write,
+    read_log,
+)
 
 NAMES = ("a", "b/c", "µ %2F", "")
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -32,7 +44,7 @@ SENT = st.builds(
         sequence,
         time,
         (float(sequence % 7),) if kind is Kind.READING else tuple(facts[: len(FACTS[kind])]),
-        np.array(values),
+        np.array(values * 20)[: len(STATUS_FIELDS) + 2 * len(LINK_FIELDS)] if kind is Kind.STATUS else np.array(values),
     ),
     st.sampled_from(KINDS),
     st.sampled_from(NAMES),
@@ -78,8 +90,27 @@ def test_events_and_ragged_statuses(tmp_path: Path) -> None:
         (START, "began", None),
         (START + 0.5, "lost", "a"),
     ]
-    assert [log.statuses["a"].row(k).shape[0] for k in range(6)] == [2, 3, 4, 5, 6, 7]
+    links = [(log.statuses["a"].row(k).shape[0] - len(STATUS_FIELDS)) // len(LINK_FIELDS) for k in range(6)]
+    assert links == [0, 1, 2, 0, 1, 2]
+    told = log.status("a")
+    assert told is not None
+    assert (told.name, told.anchored, told.hops, told.counters.accepted) == ("a", True, 1, 1)
+    assert [(link.neighbour, link.state, link.round_trip) for link in told.links] == [
+        ("b/c", State.HEARD, 1.0),
+        ("d", State.HEARD, 1.0),
+    ]
+    assert log.status("b/c") is None
     assert log.estimates["b/c"].values.shape == (6, 2)
+
+
+def test_statuses_that_mean_nothing_do_no_harm(tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "run.mcap", network="n", names=["a"], attributes={"hears": {"a": 3}}) as log:
+        log.write(status("a", 0, 1.0, [1.0] * 5), 1.0)  # no length that a status can have
+        log.write(status("a", 1, 1.0, [1.0] * len(STATUS_FIELDS) + [99.0] * len(LINK_FIELDS)), 1.0)  # no such state
+    assert log.dropped == 1
+    read = read_log(tmp_path / "run.mcap")
+    assert len(read.statuses["a"]) == 1
+    assert read.status("a") is None
 
 
 def fits(value: Any, schema: dict[str, Any]) -> bool:
@@ -253,7 +284,7 @@ def test_many_messages_do_not_wait_for_the_clock(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(mcap_write, "_FULL", 1000)
     log = LogWriter(tmp_path / "run.mcap", network="n", names=["a"], attributes={})
     for k in range(20):
-        log.write(status("a", k, START, [1.0] * 20), START)
+        log.write(status("a", k, START, [1.0] * len(STATUS_FIELDS)), START)
     assert len(read_log(tmp_path / "run.mcap").statuses["a"]) > 10
     log.close()
 

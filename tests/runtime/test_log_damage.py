@@ -17,7 +17,7 @@ from mcap.writer import CompressionType
 
 from tests.runtime.logged import START, estimate, estimate_text, foreign_log, reading, small_log
 from trigpoint.errors import FileFormatError
-from trigpoint.runtime import Log, LogWriter, read_log, read_run
+from trigpoint.runtime import STATUS_FIELDS, Log, LogWriter, read_log, read_run
 from trigpoint.runtime.mcap_write import MAGIC
 
 
@@ -163,6 +163,11 @@ WRONG: list[tuple[str, bytes]] = [
     ("/node/a/estimate", estimate_text(values=[float("nan")])),
     ("/node/a/estimate", estimate_text(time=1.0).replace(b"1.0", b"1e999")),
     ("/node/a/estimate", estimate_text().replace(b'"hops": 0', b'"hops": 1e999')),
+    ("/node/a/status", estimate_text()),
+    (
+        "/node/a/status",
+        json.dumps(dict.fromkeys((*STATUS_FIELDS, "time", "epoch", "sequence"), 1) | {"links": 3}).encode(),
+    ),
     ("/reading/one", estimate_text()),
     ("/reading/--5", estimate_text()),
     ("/event", b'{"time": 1, "text": 2, "node": null}'),

@@ -12,6 +12,8 @@ from trigpoint.runtime.log import LogWriter
 from trigpoint.runtime.log_read import Log, LogEvent, Series, read_log
 from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
+from trigpoint.runtime.replay import read_readings
+from trigpoint.runtime.sensors import Pace, Reading, ReadingPublisher, publish_measured, replay_readings
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
@@ -40,6 +42,9 @@ __all__ = [
     "NodeSettings",
     "NodeStatus",
     "Outgoing",
+    "Pace",
+    "Reading",
+    "ReadingPublisher",
     "Reliable",
     "Series",
     "Sink",
@@ -48,9 +53,12 @@ __all__ = [
     "decode_frame",
     "encode_frame",
     "node_status",
+    "publish_measured",
     "read_log",
+    "read_readings",
     "read_run",
     "read_settings",
+    "replay_readings",
     "restarts",
     "run_of",
     "write_settings",

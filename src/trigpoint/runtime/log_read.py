@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trigpoint.arrays import FloatArray, IntArray
-from trigpoint.errors import FileFormatError
-from trigpoint.runtime.codec import FACTS, Kind
-from trigpoint.runtime.log_format import LABEL, LOG_KIND, LOG_VERSION
+from trigpoint.errors import FileFormatError, ProtocolError
+from trigpoint.runtime.codec import FACTS, Frame, Kind
+from trigpoint.runtime.log_format import LABEL, LOG_KIND, LOG_VERSION, decode_message, heard_by, values_of_status
 from trigpoint.runtime.mcap_read import Channel, McapReader
+from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, NodeStatus, node_status
 from trigpoint.runtime.topics import name_of
 
 MOST_VALUES = 4096
@@ -80,7 +80,7 @@ class Log:
         damage: why it is not complete; empty when it is.
         estimates: by node.
         truths: by node; empty where nothing simulated the truth.
-        statuses: by node; the values may differ in number from message to message.
+        statuses: by node; values in the order of ``STATUS_FIELDS``, then of ``LINK_FIELDS`` for each link.
         readings: by label.
         events: in the order of arrival.
         odd: messages that were left out since they have another size than the first of their topic.
@@ -98,6 +98,24 @@ class Log:
     readings: Mapping[int, Series]
     events: tuple[LogEvent, ...]
     odd: int = 0
+
+    def status(self, name: str) -> NodeStatus | None:
+        """The last status of the node ``name``; None where it sent none, or one that means nothing.
+
+        Its neighbours have the names that the log's attribute ``hears`` gives, else numbers from 1.
+        """
+        series = self.statuses.get(name)
+        if series is None:
+            return None
+        values = series.row(len(series) - 1)
+        count = (values.shape[0] - len(STATUS_FIELDS)) // len(LINK_FIELDS)
+        hears = heard_by(self.attributes).get(name, [])
+        hears = hears if len(hears) == count else [str(k + 1) for k in range(count)]
+        frame = Frame(Kind.STATUS, name, 0, 0, float(series.times[-1]), (), values)
+        try:
+            return node_status(frame, hears)
+        except ProtocolError:
+            return None
 
 
 def read_log(path: str | Path) -> Log:
@@ -120,7 +138,7 @@ def read_log(path: str | Path) -> Log:
         if not gatherer.family:
             continue
         try:
-            message = _decode(data.decode("utf-8"))
+            message = decode_message(data)
             if gatherer.family == "event":
                 events.append(_event(message))
             else:
@@ -148,13 +166,6 @@ def read_log(path: str | Path) -> Log:
     )
 
 
-def _no_constant(text: str) -> float:
-    raise ValueError(f"{text} is no number of JSON")
-
-
-_decode: Callable[[str], Any] = json.JSONDecoder(parse_constant=_no_constant).decode
-
-
 class _Gatherer:
     """The numbers of one topic as they come in."""
 
@@ -175,7 +186,7 @@ class _Gatherer:
 
     def take(self, message: Any, received: int) -> bool:
         """Take in one message; False when it was left out for its size."""
-        values = message["values"]
+        values = values_of_status(message) if self.family == "status" else message["values"]
         count = len(values)
         if not isinstance(values, list) or count > MOST_VALUES:
             raise ValueError(f"values must be a list of at most {MOST_VALUES} numbers")
@@ -242,7 +253,7 @@ def _header(reader: McapReader) -> tuple[str, tuple[str, ...], dict[str, Any]]:
             reader.path, f"is a log of version {given.get('version')!r}; this reads version {LOG_VERSION}"
         )
     try:
-        names, attributes = _decode(given.get("names", "")), _decode(given.get("attributes", ""))
+        names, attributes = (decode_message(given.get(key, "").encode()) for key in ("names", "attributes"))
     except (ValueError, RecursionError) as error:
         raise FileFormatError(reader.path, f"its description is no JSON: {error}") from error
     texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
