@@ -64,9 +64,7 @@ def _from_csv(path: str | Path) -> Iterator[Reading]:
                     continue
                 reading = _row(path, row, line)
                 if reading.time < last:
-                    raise FileFormatError(
-                        path, f"the time goes back from {last} to {reading.time}; sort the rows", line
-                    )
+                    raise FileFormatError(path, f"the time goes back to {reading.time}: sort the rows", line)
                 last = reading.time
                 yield reading
     except (OSError, UnicodeDecodeError, csv.Error) as error:
