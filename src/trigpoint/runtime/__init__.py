@@ -12,11 +12,14 @@ from trigpoint.runtime.log import LogWriter
 from trigpoint.runtime.log_read import Log, LogEvent, Series, read_log
 from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
+from trigpoint.runtime.memory import MemoryNetwork
+from trigpoint.runtime.plants import LinearPlant, Plant
 from trigpoint.runtime.replay import read_readings
 from trigpoint.runtime.sensors import Pace, Reading, ReadingPublisher, publish_measured, replay_readings
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
+from trigpoint.runtime.virtual import Down, Mute, Trouble, run_virtual
 
 __all__ = [
     "FACTS",
@@ -29,20 +32,25 @@ __all__ = [
     "BestEffort",
     "Counters",
     "Delivery",
+    "Down",
     "Event",
     "Frame",
     "Identity",
     "Kind",
     "Knowledge",
+    "LinearPlant",
     "LinkStatus",
     "Log",
     "LogEvent",
     "LogWriter",
+    "MemoryNetwork",
+    "Mute",
     "NodeMachine",
     "NodeSettings",
     "NodeStatus",
     "Outgoing",
     "Pace",
+    "Plant",
     "Reading",
     "ReadingPublisher",
     "Reliable",
@@ -50,6 +58,7 @@ __all__ = [
     "Sink",
     "State",
     "Transport",
+    "Trouble",
     "decode_frame",
     "encode_frame",
     "node_status",
@@ -61,5 +70,6 @@ __all__ = [
     "replay_readings",
     "restarts",
     "run_of",
+    "run_virtual",
     "write_settings",
 ]
