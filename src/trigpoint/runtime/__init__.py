@@ -4,8 +4,11 @@ Loads NumPy and the standard library only; transport, log and certificates are l
 a process runs is ``LocalObserver.step``, the one that was simulated.
 """
 
+from trigpoint.runtime.access import ROLES, Access, AccessRules, guest_rules, node_rules
 from trigpoint.runtime.codec import FACTS, Frame, Kind, decode_frame, encode_frame
+from trigpoint.runtime.endpoints import ADDRESS_KINDS, Address, is_local, parse_address, require_safe
 from trigpoint.runtime.gate import REASONS, Counters
+from trigpoint.runtime.keys import GUESTS, find_identity, make_keys
 from trigpoint.runtime.knowledge import Knowledge
 from trigpoint.runtime.links import TABLE, Event, State
 from trigpoint.runtime.log import LogWriter
@@ -20,15 +23,22 @@ from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, wr
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
 from trigpoint.runtime.virtual import Down, Mute, Trouble, run_virtual
+from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
 
 __all__ = [
+    "ADDRESS_KINDS",
     "FACTS",
     "GO",
+    "GUESTS",
     "LINK_FIELDS",
     "PAUSE",
     "REASONS",
+    "ROLES",
     "STATUS_FIELDS",
     "TABLE",
+    "Access",
+    "AccessRules",
+    "Address",
     "BestEffort",
     "Counters",
     "Delivery",
@@ -59,15 +69,24 @@ __all__ = [
     "State",
     "Transport",
     "Trouble",
+    "ZenohTransport",
     "decode_frame",
     "encode_frame",
+    "find_identity",
+    "guest_rules",
+    "is_local",
+    "make_keys",
+    "node_rules",
     "node_status",
+    "open_transport",
+    "parse_address",
     "publish_measured",
     "read_log",
     "read_readings",
     "read_run",
     "read_settings",
     "replay_readings",
+    "require_safe",
     "restarts",
     "run_of",
     "run_virtual",
