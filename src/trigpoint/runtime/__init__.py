@@ -12,10 +12,10 @@ from trigpoint.runtime.gate import REASONS, Counters
 from trigpoint.runtime.host import Host, Member
 from trigpoint.runtime.keys import GUESTS, find_identity, make_keys
 from trigpoint.runtime.knowledge import Knowledge
-from trigpoint.runtime.links import TABLE, State
+from trigpoint.runtime.links import TABLE, Event, State
 from trigpoint.runtime.links import Event as LinkEvent
 from trigpoint.runtime.log import LogWriter
-from trigpoint.runtime.log_read import Event, Log, Series, read_log
+from trigpoint.runtime.log_read import Event, Log, LogEvent, Series, read_log
 from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
 from trigpoint.runtime.memory import MemoryNetwork
@@ -23,6 +23,8 @@ from trigpoint.runtime.monitor import Controls, Monitor, Snapshot
 from trigpoint.runtime.plan import TRANSPORTS, LivePlan
 from trigpoint.runtime.plant import Instrument, Part, PlantSettings, SimulatedPlant
 from trigpoint.runtime.plants import LinearPlant, Plant
+from trigpoint.runtime.replay import read_readings
+from trigpoint.runtime.sensors import Pace, Reading, ReadingPublisher, publish_measured, replay_readings
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.supervisor import Supervisor, Usage
@@ -63,6 +65,7 @@ __all__ = [
     "LinkStatus",
     "LivePlan",
     "Log",
+    "LogEvent",
     "LogWriter",
     "Member",
     "MemoryNetwork",
@@ -72,9 +75,12 @@ __all__ = [
     "NodeSettings",
     "NodeStatus",
     "Outgoing",
+    "Pace",
     "Part",
     "Plant",
     "PlantSettings",
+    "Reading",
+    "ReadingPublisher",
     "Reliable",
     "Series",
     "SimulatedPlant",
@@ -97,9 +103,12 @@ __all__ = [
     "node_status",
     "open_transport",
     "parse_address",
+    "publish_measured",
     "read_log",
+    "read_readings",
     "read_run",
     "read_settings",
+    "replay_readings",
     "require_safe",
     "restarts",
     "run_of",
