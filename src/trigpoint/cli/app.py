@@ -47,12 +47,9 @@ for _name, _command in (
     ("certify", certify_command),
     ("verify", verify_command),
     ("simulate", simulate_command),
-<<<<<<< HEAD
     ("run", run_command),
     ("node", node_command),
-=======
     ("keys", keys_command),
->>>>>>> h8b1
     ("convert", convert),
     ("report", report),
     ("watch", watch),

@@ -13,9 +13,8 @@ from trigpoint.runtime.host import Host, Member
 from trigpoint.runtime.keys import GUESTS, find_identity, make_keys
 from trigpoint.runtime.knowledge import Knowledge
 from trigpoint.runtime.links import TABLE, Event, State
-from trigpoint.runtime.links import Event as LinkEvent
 from trigpoint.runtime.log import LogWriter
-from trigpoint.runtime.log_read import Event, Log, LogEvent, Series, read_log
+from trigpoint.runtime.log_read import Log, LogEvent, Series, read_log
 from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
 from trigpoint.runtime.memory import MemoryNetwork
@@ -61,7 +60,6 @@ __all__ = [
     "Kind",
     "Knowledge",
     "LinearPlant",
-    "LinkEvent",
     "LinkStatus",
     "LivePlan",
     "Log",
