@@ -32,9 +32,7 @@ SURVEY = '[network]\narcs = [{to = "a", value = 1.0, sigma = 0.2}, {from = "a", 
 def test_a_file_names_nobody_but_the_neighbours(tmp_path):
     """No process gets the graph or the truth: distinctive names and numbers do not leak into other files."""
     names = [f"station-{letter}" for letter in "pqrstuv"]
-    rows = ", ".join(
-        f'["{a}", "{b}", {k + 0.123456789}]' for k, (a, b) in enumerate(pairwise(names))
-    )
+    rows = ", ".join(f'["{a}", "{b}", {k + 0.123456789}]' for k, (a, b) in enumerate(pairwise(names)))
     text = f'[network]\narcs = [["", "{names[0]}", 3.0], {rows}]\n'
     with planned(text, tmp_path) as (_, plan):
         plan.write()

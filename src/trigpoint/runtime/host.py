@@ -172,14 +172,16 @@ class Host:
                     self._inside.setdefault(key, []).append(number)
 
     def _drop_oldest(self) -> None:
+        """Make room for one frame; orders are never dropped, they go to the end."""
+        orders = []
         try:
-            oldest = self._mail.get_nowait()
-        except queue.Empty:
-            return
-        if isinstance(oldest, Order):
-            self._mail.put(oldest)
-        else:
+            while isinstance(oldest := self._mail.get_nowait(), Order):
+                orders.append(oldest)
             self.dropped += 1
+        except queue.Empty:  # the loop has taken everything meanwhile
+            pass
+        for order in orders:
+            self._mail.put(order)
 
     def _send(self, number: int, outgoing: Sequence[Outgoing]) -> None:
         publish = self._transports[number].publish
