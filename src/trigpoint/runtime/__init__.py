@@ -19,7 +19,7 @@ from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
 from trigpoint.runtime.memory import MemoryNetwork
 from trigpoint.runtime.monitor import Controls, Monitor, Snapshot
-from trigpoint.runtime.plan import TRANSPORTS, LivePlan
+from trigpoint.runtime.plan import TRANSPORTS, LivePlan, free_addresses, linked
 from trigpoint.runtime.plant import Instrument, Part, PlantSettings, SimulatedPlant
 from trigpoint.runtime.plants import LinearPlant, Plant
 from trigpoint.runtime.replay import read_readings
@@ -94,8 +94,10 @@ __all__ = [
     "decode_frame",
     "encode_frame",
     "find_identity",
+    "free_addresses",
     "guest_rules",
     "is_local",
+    "linked",
     "make_keys",
     "node_rules",
     "node_status",
