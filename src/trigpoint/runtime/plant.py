@@ -110,14 +110,14 @@ class PlantSettings:
             "parts": [[encode_array(one.A), encode_array(one.start), _maybe(one.noise)] for one in self.parts],
             "instruments": [
                 {
-                    "label": one.label,
-                    "rows": [[part, encode_array(rows)] for part, rows in one.rows],
-                    "deviation": one.deviation,
+                    "label": int(one.label),
+                    "rows": [[int(part), encode_array(rows)] for part, rows in one.rows],
+                    "deviation": float(one.deviation),
                     "recorded": _maybe(one.recorded),
                 }
                 for one in self.instruments
             ],
-            "shows": [list(pair) for pair in self.shows],
+            "shows": [[name, int(part)] for name, part in self.shows],
             "seed": self.seed,
             "origin": self.origin,
             "peers": dict(self.peers),
