@@ -46,9 +46,9 @@ def measure(kind, address, keys, identity):
     end = ZenohTransport("", [address], identity=identity)
     opened = time.perf_counter() - start
     seen, answer, last = [], threading.Event(), threading.Event()
-    end.watch("alive", lambda key, here: seen.append(here))
-    end.subscribe("answer", lambda key, data: answer.set())
-    end.subscribe("last", lambda key, data: last.set())
+    end.watch("alive", lambda _, here: seen.append(here))
+    end.subscribe("answer", lambda *_: answer.set())
+    end.subscribe("last", lambda *_: last.set())
     linked = opened + waited(lambda: seen)
     while not answer.wait(0.01):
         end.publish("ask", FRAME)
