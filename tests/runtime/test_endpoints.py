@@ -23,7 +23,7 @@ SOMEBODY = Identity("authority.pem", "a.pem", "a.key")
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("unixsock-stream//tmp/a.sock", Address("unixsock-stream", path="/tmp/a.sock")),
+        ("unixsock-stream//run/x/a.sock", Address("unixsock-stream", path="/run/x/a.sock")),
         ("tcp/127.0.0.1:7447", Address("tcp", "127.0.0.1", 7447)),
         ("udp/my-host.lan:0", Address("udp", "my-host.lan", 0)),
         ("tls/localhost:65535", Address("tls", "localhost", 65535)),
@@ -52,8 +52,8 @@ def test_what_may_overtake_is_declared() -> None:
         ("tcp/a:1?rel=0", "tcp/HOST:PORT"),
         ("tls/a:1#root_ca_certificate=x", "tls/HOST:PORT"),
         ("quic/a b:1", "quic/HOST:PORT"),
-        ("unixsock-stream/tmp/a", "absolute path"),
-        ("unixsock-stream//tmp/a?x=1", "absolute path"),
+        ("unixsock-stream/run/x/a", "absolute path"),
+        ("unixsock-stream//run/x/a?x=1", "absolute path"),
         ("unixsock-stream//" + "x" * LONGEST_SOCKET_PATH, "systems allow about 100"),
     ],
 )
@@ -65,7 +65,7 @@ def test_others_are_refused(text, words) -> None:
 @pytest.mark.parametrize(
     ("text", "local"),
     [
-        ("unixsock-stream//tmp/a", True),
+        ("unixsock-stream//run/x/a", True),
         ("tcp/127.1.2.3:1", True),
         ("tcp/localhost:1", True),
         ("tcp/[::1]:1", True),
@@ -91,4 +91,4 @@ def test_secured_addresses_need_certificates() -> None:
         require_safe("tls/10.0.0.1:1", None, allow_plain=True)
     require_safe("tls/10.0.0.1:1", SOMEBODY)
     require_safe("tcp/127.0.0.1:1", None)
-    require_safe("unixsock-stream//tmp/a", None)
+    require_safe("unixsock-stream//run/x/a", None)

@@ -130,7 +130,8 @@ def test_a_killed_peer_is_noticed_and_comes_back() -> None:
     end = ZenohTransport("", [where])
     try:
         heard = links.listen(end, "from/*")
-        end.watch("alive/*", lambda key, here: seen.append(here) if key == "alive/child" else None)
+        end.announce("alive/own")
+        end.watch("alive/*", lambda _, here: seen.append(here))
         for count in (1, 2):
             process = child(where)
             assert links.until(lambda: len(seen) == 2 * count - 1)  # noqa: B023
