@@ -58,7 +58,9 @@ def test_guests_of_unknown_roles_are_refused(role, others) -> None:
 
 
 def test_the_rules_deny_what_they_do_not_list() -> None:
-    document = AccessRules({"b": Access(says=("x",), hears=("y",), asks=("z",), asked=("w",)), "c": Access()}).to_zenoh()
+    document = AccessRules(
+        {"b": Access(says=("x",), hears=("y",), asks=("z",), asked=("w",)), "c": Access()}
+    ).to_zenoh()
     assert (document["enabled"], document["default_permission"]) == (True, "deny")
     assert document["subjects"] == [{"id": "b", "cert_common_names": ["b"]}]
     flows = {(rule["flows"][0], word): rule["key_exprs"] for rule in document["rules"] for word in rule["messages"]}

@@ -114,6 +114,7 @@ class ZenohTransport:
         self._handing = threading.RLock()
         self._publishers: dict[str, Any] = {}
         self._held: list[Any] = []
+        self._announced: set[str] = set()
         self._session = self._opened(config, listen, connect)
         # An interpreter that ends while frames still arrive would wait for ever: the session ends first, at exit, too.
         self._end = weakref.finalize(self, self._session.close)
@@ -175,12 +176,14 @@ class ZenohTransport:
         Raises:
             ArgumentError: ``key`` is no key.
         """
+        self._announced.add(key)
         self._hold(key, lambda: self._session.liveliness().declare_token(key))
 
     def watch(self, pattern: str, present: Presence) -> None:
         """Tell ``present`` of every token under ``pattern`` of a linked peer that appears or is gone.
 
-        A killed peer is gone within some ten milliseconds, one behind a silent network after the lease of 2 s.
+        A killed peer is gone within milliseconds where links are streams, else, and behind a silent network, after the
+        lease of 2 s at the latest. Own tokens are not told of.
 
         Raises:
             ArgumentError: ``pattern`` is no pattern.
@@ -189,8 +192,9 @@ class ZenohTransport:
 
         def tell(sample: Any) -> None:
             with self._handing:
-                if self._open:
-                    present(str(sample.key_expr), sample.kind == put)
+                key = str(sample.key_expr)
+                if self._open and key not in self._announced:
+                    present(key, sample.kind == put)
 
         self._hold(
             pattern, lambda: self._session.liveliness().declare_subscriber(pattern, self._direct(tell), history=True)

@@ -59,7 +59,7 @@ class _Pair:
 
     def settle(self) -> None:
         """Let what is on its way arrive."""
-        self.until(lambda: False, within=_SETTLE)
+        self.until(lambda: False, within=min(_SETTLE, self.patience / 2.0))
 
     def carry(self, sender: Transport, key: str, data: bytes, heard: list[tuple[str, bytes]]) -> None:
         """Publish until it is heard: before the link stands, and on lossy links, one frame may not be enough."""
