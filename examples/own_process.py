@@ -21,7 +21,7 @@ from trigpoint.runtime import (
     linked,
 )  # fmt: skip
 
-PERIOD = 0.05
+PERIOD = 0.02
 problem = tp.NetworkedAgents(tp.graphs.cycle(4, anchors=[0]), tp.LinearAgent.static())
 observer = tp.design(problem, tp.methods.LocalKalman())
 truth, graph = np.array([1.0, 4.0, 2.0, 3.0]), problem.graph
@@ -52,7 +52,7 @@ with tempfile.TemporaryDirectory() as folder:
     supervisor.start()
     limit = clock.now() + 60.0
     try:
-        while not monitor.snapshot().error.max() < 1e-3 and clock.now() < limit:  # NaN: somebody is not heard yet
+        while not monitor.snapshot().error.max() < 1e-2 and clock.now() < limit:  # NaN: somebody is not heard yet
             monitor.poll()
             supervisor.tick()
             time.sleep(0.02)
@@ -63,4 +63,4 @@ with tempfile.TemporaryDirectory() as folder:
 
 print(f"after {snapshot.time:.1f} s four processes believe {np.concatenate(snapshot.estimate)}")
 assert len(pids) == 4
-assert snapshot.error.max() < 1e-3
+assert snapshot.error.max() < 1e-2
