@@ -10,7 +10,7 @@ from rich.table import Table
 
 from trigpoint.cli.compose import estimating, kind_of, read
 from trigpoint.cli.shell import FAILS, HOLDS, Json, Out, console, emit, ending, guarded
-from trigpoint.dashboard import page_url, replay_app, serve
+from trigpoint.dashboard import Scene, page_url, replay_app, serve
 from trigpoint.errors import FileFormatError
 from trigpoint.io import ScenarioFile, load, save, write_atomically
 from trigpoint.observers.run import Run
@@ -97,7 +97,7 @@ def watch(
     graph = next((g for g in candidates if g is not None and g.names == run.names), None)
     if graph is None:
         raise FileFormatError(network, "is not the network of this run: the node names differ")
-    app = replay_app(run, graph)
+    app = replay_app(run, Scene(graph, title=file.name))
     if as_json:
         emit({"address": page_url(app, port)})
     serve(app, port)
