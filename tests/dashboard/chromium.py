@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import tempfile
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 from websockets.sync.client import connect
@@ -49,31 +50,31 @@ class Chromium:
         self._size, self._dark = (width, height), dark
 
     def __enter__(self):
-        self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        sandbox = ("--no-sandbox",) if os.geteuid() == 0 else ()  # Chromium's sandbox refuses root
-        size = f"--window-size={self._size[0]},{self._size[1]}"
-        command = [executable(), *FLAGS, *sandbox, size, f"--user-data-dir={self._profile.name}", "about:blank"]
-        quiet = subprocess.DEVNULL
-        self._process = subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
-        try:
-            self._socket = connect(self._address(), max_size=None, proxy=None)
-        except BaseException:
-            self._kill()
-            raise
+        with ExitStack() as stack:
+            self._profile = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+            self._process = self._start()
+            stack.callback(self._kill)
+            self._socket = stack.enter_context(connect(self._address(), max_size=None, proxy=None))
+            self._stack = stack.pop_all()
         self._count, self._waiting = 0, []
         return self
 
     def __exit__(self, *_):
-        self._socket.close()
-        self._kill()
+        self._stack.close()
+
+    def _start(self):
+        sandbox = ("--no-sandbox",) if os.geteuid() == 0 else ()  # Chromium's sandbox refuses root
+        size = f"--window-size={self._size[0]},{self._size[1]}"
+        command = [executable(), *FLAGS, *sandbox, size, f"--user-data-dir={self._profile}", "about:blank"]
+        quiet = subprocess.DEVNULL
+        return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
 
     def _kill(self):
         self._process.kill()
         self._process.wait()
-        self._profile.cleanup()
 
     def _address(self):
-        told = Path(self._profile.name) / "DevToolsActivePort"
+        told = Path(self._profile) / "DevToolsActivePort"
         until = time.monotonic() + PATIENCE
         while time.monotonic() < until:
             assert self._process.poll() is None, f"the browser ended with {self._process.returncode}"
@@ -151,6 +152,10 @@ class Page:
         self.until("typeof trigpoint === 'object' && trigpoint.state().received > 0 && trigpoint.state().draws > 0")
         return self
 
+    def painted(self):
+        """Waits until what was drawn is on the screen."""
+        self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))")
+
     def click(self, x, y):
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             held = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
@@ -164,10 +169,9 @@ class Page:
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code)
 
     def click_element(self, selector):
-        box = self.run(
-            f"(() => {{ const e = document.querySelector({json.dumps(selector)}); e.scrollIntoView({{block: 'center'}});"
-            " const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; })()"
-        )
+        find = f"const e = document.querySelector({json.dumps(selector)}); e.scrollIntoView({{block: 'center'}});"
+        middle = "const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2];"
+        box = self.run(f"(() => {{ {find} {middle} }})()")
         self.click(*box)
 
     def click_node(self, node):

@@ -42,7 +42,7 @@ function ramp(topology: Topology, network: Network, frame: Frame | null): HTMLEl
 function ticks(scale: Scale): string[] {
   if (!scale.log) return [seconds(scale.low), seconds((scale.low + scale.high) / 2), `≥ ${seconds(scale.high)}`];
   const span = Math.round(Math.log10(scale.high / scale.low));
-  const step = span % 3 === 0 ? span / 3 : span % 2 === 0 ? span / 2 : span;
+  const step = span <= 5 ? 1 : 2;
   return Array.from({ length: span / step + 1 }, (_, k) => short(scale.low * 10 ** (k * step)));
 }
 

@@ -107,12 +107,12 @@ export class Network {
   }
 
   private thin(): number {
-    return this.topology.names.length > MIDDLE ? 0.8 : 2;
+    return this.topology.names.length > MIDDLE ? 1.2 : 2;
   }
 
   private fitRadius(): void {
     const area = Math.max(1, this.place.clientWidth) * Math.max(1, this.place.clientHeight);
-    this.radius = Math.min(11, Math.max(2.2, 0.2 * Math.sqrt(area / this.topology.names.length)));
+    this.radius = Math.min(11, Math.max(2.2, 0.25 * Math.sqrt(area / this.topology.names.length)));
   }
 
   private listen(handlers: Handlers): void {
