@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from trigpoint.arrays.core import FloatArray, require_finite
@@ -14,6 +16,7 @@ _PADE_13 = (
 )  # fmt: skip
 _PADE_13_RADIUS = 5.371920351148152  # Higham (2005), Table 2.3: 1-norm for which degree 13 reaches unit roundoff
 _EXPM_LIMIT = 64
+_LONGEST_SERIES = 50.0
 
 
 def expm(A: FloatArray) -> FloatArray:
@@ -79,6 +82,37 @@ def transition_and_integral(A: FloatArray, h: float) -> tuple[FloatArray, FloatA
         integral = integral + transition @ integral
         transition = np.asarray(transition @ transition, dtype=np.float64)
     return transition, np.asarray(integral, dtype=np.float64)
+
+
+def propagate(A: FloatArray, value: FloatArray, duration: float, drive: FloatArray | None = None) -> FloatArray:
+    """``e^{A t} z + int_0^t e^{A s} ds b`` (n,) for t = ``duration`` >= 0, z = ``value``, b = ``drive`` (None: 0).
+
+    The Taylor series acts on the vector, in pieces of ``|A| t <= 1`` (Frobenius norm), until the rest of the series is
+    below 1e-17 of it: a few products of A (n, n) with a vector, where ``transition_and_integral`` has to factorize.
+
+    We assume:
+        * A, z and b are finite.
+    """
+    size = math.sqrt(float(np.vdot(A, A))) * duration
+    if size == 0.0:
+        return value if drive is None else value + duration * drive
+    if size > _LONGEST_SERIES:
+        transition, integral = transition_and_integral(A, duration)
+        moved = transition @ value
+        return np.asarray(moved if drive is None else moved + integral @ drive, dtype=np.float64)
+    pieces = max(1, math.ceil(size))
+    step, rest = duration / pieces, size / pieces
+    for _ in range(pieces):
+        term = A @ value if drive is None else A @ value + drive
+        term = step * term
+        value = value + term
+        order, left = 1, rest
+        while left > 1e-17:
+            order += 1
+            term = (step / order) * (A @ term)
+            value = value + term
+            left *= rest / order
+    return value
 
 
 def _halvings(norm: float) -> int:

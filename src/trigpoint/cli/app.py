@@ -12,6 +12,7 @@ from trigpoint.cli.demo import demo
 from trigpoint.cli.designing import certify_command, design_command, verify_command
 from trigpoint.cli.estimating import estimate_command
 from trigpoint.cli.others import convert, report, reproduce_command, watch
+from trigpoint.cli.running import node_command, run_command
 from trigpoint.cli.simulating import simulate_command
 
 app = typer.Typer(
@@ -45,6 +46,8 @@ for _name, _command in (
     ("certify", certify_command),
     ("verify", verify_command),
     ("simulate", simulate_command),
+    ("run", run_command),
+    ("node", node_command),
     ("convert", convert),
     ("report", report),
     ("watch", watch),

@@ -7,6 +7,7 @@ each, as many as ``FACTS`` lists for it), the values (f64 each).
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -49,6 +50,10 @@ FACTS: dict[Kind, tuple[str, ...]] = {
     Kind.CONTROL: ("order",),
 }
 """Names of the numbers that stand before a frame's values, by kind."""
+
+_TOLD = {int(kind): (kind, len(facts)) for kind, facts in FACTS.items()}
+_FORMATS = tuple(f"<{count}d" for count in range(1 + max(len(facts) for facts in FACTS.values())))
+_FEW = 32
 
 LARGEST_FRAME = _HEAD.size + _LONGEST_NAME + 8 * (max(len(facts) for facts in FACTS.values()) + _MOST_VALUES)
 
@@ -100,13 +105,12 @@ def encode_frame(frame: Frame) -> bytes:
         raise ProtocolError(f"sequence and epoch must fit 64 bits; got {frame.sequence} and {frame.epoch}")
     if len(frame.facts) != len(FACTS[frame.kind]):
         raise ProtocolError(f"{frame.kind.name} has the facts {FACTS[frame.kind]}; got {len(frame.facts)} numbers")
-    facts = np.array(frame.facts, dtype="<f8")
-    if not (np.isfinite(values).all() and np.isfinite(facts).all() and np.isfinite(frame.time)):
+    if not (math.isfinite(frame.time) and all(map(math.isfinite, frame.facts)) and _all_finite(values)):
         raise ProtocolError("a frame's numbers must be finite")
     head = _HEAD.pack(
         _MAGIC, VERSION, int(frame.kind), len(name), values.shape[0], frame.epoch, frame.sequence, float(frame.time)
     )  # fmt: skip
-    return head + name + facts.tobytes() + values.tobytes()
+    return head + name + struct.pack(_FORMATS[len(frame.facts)], *frame.facts) + values.tobytes()
 
 
 def decode_frame(data: bytes) -> Frame:
@@ -116,9 +120,9 @@ def decode_frame(data: bytes) -> Frame:
     magic, version, kind, name_length, count, epoch, sequence, time = _HEAD.unpack_from(data)
     if magic != _MAGIC or version != VERSION:
         raise ProtocolError(f"expected protocol {_MAGIC!r} version {VERSION}; got {magic!r} version {version}")
-    if kind not in Kind.__members__.values():
+    if kind not in _TOLD:
         raise ProtocolError(f"unknown kind of frame {kind}")
-    told = len(FACTS[Kind(kind)])
+    kind, told = _TOLD[kind]
     if (
         name_length > _LONGEST_NAME
         or count > _MOST_VALUES
@@ -129,8 +133,18 @@ def decode_frame(data: bytes) -> Frame:
         sender = data[_HEAD.size : _HEAD.size + name_length].decode("utf-8")
     except UnicodeDecodeError as error:
         raise ProtocolError("the sender's name is not UTF-8") from error
-    numbers = np.frombuffer(data, dtype="<f8", offset=_HEAD.size + name_length)
-    if not np.isfinite(numbers).all() or not np.isfinite(time):
+    start = _HEAD.size + name_length
+    facts = struct.unpack_from(_FORMATS[told], data, start)
+    values = _NOTHING
+    if count:
+        values = np.frombuffer(data, "<f8", count, start + 8 * told).astype(np.float64)
+        values.setflags(write=False)
+    if not (math.isfinite(time) and all(map(math.isfinite, facts)) and _all_finite(values)):
         raise ProtocolError("a frame's numbers must be finite")
-    facts = tuple(numbers[:told].tolist())
-    return Frame(Kind(kind), sender, epoch, sequence, time, facts, frozen(numbers[told:]))
+    return Frame(kind, sender, epoch, sequence, time, facts, values)
+
+
+def _all_finite(values: FloatArray) -> bool:
+    if values.shape[0] <= _FEW:  # faster so
+        return all(map(math.isfinite, values.tolist()))
+    return bool(np.isfinite(values).all())

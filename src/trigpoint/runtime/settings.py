@@ -43,6 +43,8 @@ class NodeSettings:
         start_uncertainty: standard deviation that the first estimate is believed to have, in the state's unit.
         deviations: standard deviation of the readings of each arc, by label; 0 where not given.
         models: (n_j, n_j) dynamics of neighbours whose agents differ from the own one, by name.
+        input: (m,) own known input, constant; None for none.
+        drives: (n_j,) ``B u`` of neighbours that have a known input, by name.
         old: ``propagate`` moves a message to now by its time stamp and the sender's model; ``use`` takes it as it is.
         stale: seconds after which a message or a reading is left out, and its arc with it.
         window: seconds by which a time stamp may lie in the future, and beyond ``stale`` in the past.
@@ -50,6 +52,8 @@ class NodeSettings:
         coverage: ``every``: the gain is guaranteed for every anchored topology of these nodes; ``nominal``: only while
             no arc is missing.
         rate_limit: frames a second that are taken from one sender; more are dropped and counted.
+        status_every: seconds between two statuses.
+        ping_every: seconds between two questions for a neighbour's time.
         listen: the address that the node listens on, in the transport's words; empty for none.
         peers: addresses of the neighbours to connect to, by name.
         identity: certificates for TLS and QUIC; None for plain links.
@@ -64,12 +68,16 @@ class NodeSettings:
     start_uncertainty: float = 1.0
     deviations: Mapping[int, float] = field(default_factory=dict)
     models: Mapping[str, FloatArray] = field(default_factory=dict)
+    input: FloatArray | None = None
+    drives: Mapping[str, FloatArray] = field(default_factory=dict)
     old: OldPolicy = "propagate"
     stale: float = 0.25
     window: float = 1.0
     anchor_timeout: float = 1.0
     coverage: Coverage = "nominal"
     rate_limit: float = 1000.0
+    status_every: float = 0.25
+    ping_every: float = 1.0
     listen: str = ""
     peers: Mapping[str, str] = field(default_factory=dict)
     identity: Identity | None = None
@@ -80,7 +88,7 @@ class NodeSettings:
         """Check every number once."""
         if not self.network:
             raise ArgumentError("network must be a name; got an empty text")
-        for name in ("period", "stale", "window", "anchor_timeout", "rate_limit"):
+        for name in ("period", "stale", "window", "anchor_timeout", "rate_limit", "status_every", "ping_every"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
                 raise ArgumentError(f"{name} of a node must be a positive number; got {value}")
@@ -112,12 +120,16 @@ class NodeSettings:
             "start_uncertainty": self.start_uncertainty,
             "deviations": [[label, value] for label, value in self.deviations.items()],
             "models": {name: encode_array(A) for name, A in self.models.items()},
+            "input": None if self.input is None else encode_array(self.input),
+            "drives": {name: encode_array(drive) for name, drive in self.drives.items()},
             "old": self.old,
             "stale": self.stale,
             "window": self.window,
             "anchor_timeout": self.anchor_timeout,
             "coverage": self.coverage,
             "rate_limit": self.rate_limit,
+            "status_every": self.status_every,
+            "ping_every": self.ping_every,
             "listen": self.listen,
             "peers": dict(self.peers),
             "identity": None if self.identity is None else vars(self.identity),
@@ -147,9 +159,8 @@ class NodeSettings:
                     **{name: _texts(given, name) for name in ("peers", "guests") if name in given},
                     "start": None if given.get("start") is None else decode_array(given["start"], "start"),
                     "deviations": _deviations(given.get("deviations", [])),
-                    "models": {
-                        name: decode_array(value, f"models.{name}") for name, value in given.get("models", {}).items()
-                    },
+                    "input": None if given.get("input") is None else decode_array(given["input"], "input"),
+                    **{name: _arrays(given, name) for name in ("models", "drives") if name in given},
                     "listen": _text(given, "listen") if "listen" in given else "",
                     "identity": _identity(given.get("identity")),
                 }
@@ -159,7 +170,7 @@ class NodeSettings:
 
 
 _NUMBERS = (
-    "start_uncertainty", "stale", "window", "anchor_timeout", "rate_limit", "decay_rate",
+    "start_uncertainty", "stale", "window", "anchor_timeout", "rate_limit", "status_every", "ping_every", "decay_rate",
 )  # fmt: skip
 
 
@@ -198,6 +209,10 @@ def _texts(given: Mapping[str, Any], name: str) -> dict[str, str]:
     if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
         raise ProtocolError(f"node settings: {name!r} must map names to texts; got {value!r}")
     return value
+
+
+def _arrays(given: Mapping[str, Any], name: str) -> dict[str, FloatArray]:
+    return {key: decode_array(value, f"{name}.{key}") for key, value in given[name].items()}
 
 
 def _deviations(value: Any) -> dict[int, float]:
