@@ -10,6 +10,7 @@ from trigpoint.dashboard import LiveFeed, Scene
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.observers.run import Run
+from trigpoint.runtime import REASONS, Counters, LinkStatus, NodeStatus, Snapshot, State
 
 BASE = "http://testserver"
 
@@ -22,39 +23,18 @@ def recorded(nodes=4, samples=6, step=0.05, seed=1, **tables):
     return Run(step * np.arange(samples), truth, estimate, messages, status, names, "stacked", **tables)
 
 
-@dataclass(frozen=True)
-class Link:
-    neighbour: str
-    received: float = 100.0
-    lost: float = 0.0
-    age: float = 0.02
-    state: str = "LIVE"
-    round_trip: float = 1e-3
-    offset: float = 1e-6
+def link(neighbour, received=100, lost=0, age=0.02, round_trip=1e-3, offset=1e-6):
+    return LinkStatus(neighbour, State.LIVE, age, received, lost, round_trip, offset)
 
 
-@dataclass(frozen=True)
-class Status:
-    anchored: bool = True
-    covered: bool = True
-    paused: bool = False
-    hops: int | None = 1
-    uncertainty: float = 0.25
-    missed: float = 1.0
-    step_us: float = 120.0
-    rejected: float = 0.0
-    links: tuple[Link, ...] = ()
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    time: float
-    names: tuple[str, ...]
-    estimate: tuple
-    truth: tuple
-    status: tuple
-    age: np.ndarray
-    error: np.ndarray
+def status_of(name="", **told):
+    known = {
+        "time": 0.0, "anchored": True, "covered": True, "paused": False, "hops": 1, "uncertainty": 0.25,
+        "evidence_age": 0.1, "acts": 10, "missed": 1, "step_us": 120.0, "resets": 0, "innovation": 0.0,
+        "clock_offset": 0.0, "floor": 0.0, "magnitude": 1.0, "links": (),
+    }  # fmt: skip
+    rejected = dict.fromkeys(REASONS, 0) | {"old": told.pop("rejected", 0)}
+    return NodeStatus(name, **{**known, **told}, counters=Counters(100, rejected))
 
 
 def named(graph, names):
@@ -67,7 +47,7 @@ def snapshot(names, time=0.0, *, status=None, age=None, offset=0.5, known=True):
     truth = tuple(np.array([1.0, 2.0]) if known else None for _ in names)
     estimate = tuple(np.array([1.0 + offset, 2.0]) for _ in names)
     error = np.full(n, abs(offset) if known else np.nan)
-    status = (Status(),) * n if status is None else status
+    status = (status_of(),) * n if status is None else status
     return Snapshot(time, tuple(names), estimate, truth, status, np.zeros(n) if age is None else np.array(age), error)
 
 
@@ -90,7 +70,7 @@ class Nodes:
                 heard[self.graph.names[i]].append(self.graph.names[j])
                 heard[self.graph.names[j]].append(self.graph.names[i])
         status = tuple(
-            Status(links=tuple(Link(other, (1 - self.lost) * sent, self.lost * sent) for other in heard[name]))
+            status_of(name, links=tuple(link(other, (1 - self.lost) * sent, self.lost * sent) for other in heard[name]))
             for name in self.graph.names
         )
         age = [9.0 if name in self.dead else 0.01 for name in self.graph.names]

@@ -8,7 +8,18 @@ import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from tests.dashboard.feeds import BASE, Link, Nodes, Status, connect, live, named, receive_all, receive_until, snapshot
+from tests.dashboard.feeds import (
+    BASE,
+    Nodes,
+    connect,
+    link,
+    live,
+    named,
+    receive_all,
+    receive_until,
+    snapshot,
+    status_of,
+)
 from trigpoint import graphs
 from trigpoint.dashboard import STATES, LiveFeed, Scene, decode_moment, live_app
 from trigpoint.dashboard.history import History
@@ -42,7 +53,7 @@ def test_before_the_first_snapshot_nothing_is_known():
 
 def test_a_frame_is_the_snapshot():
     feed, _ = live()
-    status = (Status(uncertainty=0.1), Status(missed=2.0, rejected=3.0), None, Status())
+    status = (status_of(uncertainty=0.1), status_of(missed=2.0, rejected=3.0), None, status_of())
     feed.absorb(snapshot(NAMES, 1.5, status=status, age=[0.1, 0.2, 0.3, 0.4], offset=0.5))
     shown = moment(feed)
     assert (shown.index, shown.time, shown.missed, shown.rejected) == (1, 1.5, 4.0, 3.0)
@@ -55,12 +66,12 @@ def test_a_frame_is_the_snapshot():
 @pytest.mark.parametrize(
     ("status", "age", "state"),
     [
-        (Status(), 0.0, "anchored"),
-        (Status(covered=False), 0.0, "uncovered"),
-        (Status(anchored=False), 0.0, "relative"),
-        (Status(anchored=False, covered=False), 0.0, "relative"),
-        (Status(), 0.51, "silent"),
-        (Status(paused=True), 0.51, "paused"),
+        (status_of(), 0.0, "anchored"),
+        (status_of(covered=False), 0.0, "uncovered"),
+        (status_of(anchored=False), 0.0, "relative"),
+        (status_of(anchored=False, covered=False), 0.0, "relative"),
+        (status_of(), 0.51, "silent"),
+        (status_of(paused=True), 0.51, "paused"),
         (None, 0.51, "silent"),
         (None, 0.0, "unknown"),
         (None, math.inf, "unknown"),
@@ -94,18 +105,20 @@ def test_events_tell_what_changed_and_are_bounded():
     feed, _ = live()
     feed.absorb(snapshot(NAMES, 1.0))
     feed.absorb(snapshot(NAMES, 2.0, age=[0.0, 9.0, 0.0, 0.0]))
+    feed.absorb(snapshot(NAMES, 2.5, status=(status_of(acts=3),) * 4, age=[0.0, 9.0, 0.0, 0.0]))
     feed.note("the plant stopped")
     count, events = feed.events(0)
     assert [(event.time, event.text, event.node) for event in events] == [
         (1.0, "4 nodes: anchored", None),
         (2.0, "b: silent (was anchored)", 1),
-        (2.0, "the plant stopped", None),
+        *((2.5, f"{name}: started again", k) for k, name in enumerate(NAMES)),
+        (2.5, "the plant stopped", None),
     ]
-    assert feed.events(2) == (3, [events[2]])
+    assert feed.events(6) == (7, [events[6]])
     for k in range(600):
         feed.note(str(k))
     count, events = feed.events(0)
-    assert (count, len(events), events[-1].text) == (603, 500, "599")
+    assert (count, len(events), events[-1].text) == (607, 500, "599")
     assert feed.events(count)[1] == []
 
 
@@ -113,7 +126,7 @@ def test_link_quality_is_that_of_the_worse_direction():
     feed, _ = live("ab")
 
     def told(time, to_a, to_b):
-        return snapshot("ab", time, status=(Status(links=(Link("b", *to_a),)), Status(links=(Link("a", *to_b),))))
+        return snapshot("ab", time, status=(status_of(links=(link("b", *to_a),)), status_of(links=(link("a", *to_b),))))
 
     feed.absorb(told(0.0, (90.0, 10.0, 0.1), (100.0, 0.0, 0.2)))
     assert moment(feed).loss == pytest.approx([0.1])
@@ -125,12 +138,12 @@ def test_link_quality_is_that_of_the_worse_direction():
 
 def test_a_restarted_node_counts_from_zero():
     book = LinkBook([[0, 1]], "ab")
-    book.update(0, [Link("b", 1000.0, 0.0)])
-    book.update(0, [Link("b", 50.0, 50.0)])
+    book.update(0, [link("b", 1000.0, 0.0)])
+    book.update(0, [link("b", 50.0, 50.0)])
     assert book.total == 1050.0
     weight = 1.0 - math.exp(-1.0)
     assert book.loss == pytest.approx([0.5 * weight])
-    book.update(0, [Link("stranger", 1e9, 1e9)])
+    book.update(0, [link("stranger", 1e9, 1e9)])
     assert book.total == 1050.0
     assert np.isnan(LinkBook([[0, 1]], "ab").loss).all()
 
@@ -181,8 +194,8 @@ def test_without_a_truth_no_error_is_claimed():
 
 def test_details_are_the_nodes_own_words():
     feed, _ = live()
-    links = (Link("a", 90.0, 10.0, math.inf), Link("c", round_trip=math.nan))
-    feed.absorb(snapshot(NAMES, status=(None, Status(links=links, hops=None, covered=False), None, None)))
+    links = (link("a", 90, 10, None), link("c", round_trip=None))
+    feed.absorb(snapshot(NAMES, status=(None, status_of(links=links, hops=None, covered=False), None, None)))
     details = feed.details(1, 0)
     assert json.loads(json.dumps(details, allow_nan=False)) == details
     facts = dict(map(tuple, details["facts"]))
@@ -190,9 +203,13 @@ def test_details_are_the_nodes_own_words():
     assert facts["guarantee covers its links"] == "no"
     assert details["links"][0] == {
         "neighbour": "a", "state": "live", "age": None,
-        "received": 90.0, "lost": 10.0, "round_trip": 1e-3, "offset": 1e-6,
+        "received": 90, "lost": 10, "round_trip": 1e-3, "offset": 1e-6,
     }  # fmt: skip
     assert details["links"][1]["round_trip"] is None
+    assert "warning" not in facts
+    late = status_of("b", clock_offset=0.1, floor=0.5)
+    feed.absorb(snapshot(NAMES, status=(None, late, None, None)))
+    assert feed.details(1, 0)["facts"][-1] == ["warning", late.warning]
     assert feed.details(0, 0)["facts"] == []
     for ask in (feed.traces, lambda node: feed.details(node, 0)):
         with pytest.raises(ProtocolError, match="node 4 is not in the network"):

@@ -4,35 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
 from trigpoint.arrays import IntArray
 from trigpoint.dashboard.frames import STATES, UNKNOWN
 
+if TYPE_CHECKING:
+    from trigpoint.runtime import Controls
+
 ORDERS = ("pause", "go", "kill", "revive")
 """What a page can ask of a node, where the feed has controls."""
-
-
-class Controls(Protocol):
-    """What the page may do to the nodes of a run. What cannot be done raises a ``TrigpointError``; it is shown."""
-
-    def pause(self, name: str) -> None:
-        """Let the node called ``name`` neither step nor speak."""
-        ...
-
-    def go(self, name: str) -> None:
-        """Let the node called ``name`` go on."""
-        ...
-
-    def kill(self, name: str) -> None:
-        """End the process of the node called ``name`` without notice, and leave it dead."""
-        ...
-
-    def revive(self, name: str) -> None:
-        """Start the node called ``name`` again."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -3,52 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from trigpoint.arrays import FloatArray
 
+if TYPE_CHECKING:
+    from trigpoint.runtime import LinkStatus
+
 _MEMORY = 100.0
-
-
-class LinkReport(Protocol):
-    """What a node says of one neighbour that it hears."""
-
-    @property
-    def neighbour(self) -> str:
-        """Name of the neighbour."""
-        ...
-
-    @property
-    def state(self) -> object:
-        """Where the link stands: a text, or a member of an enumeration whose name says it."""
-        ...
-
-    @property
-    def age(self) -> float:
-        """Seconds since its last message."""
-        ...
-
-    @property
-    def received(self) -> float:
-        """Messages that arrived since the node started."""
-        ...
-
-    @property
-    def lost(self) -> float:
-        """Gaps in their numbering since then."""
-        ...
-
-    @property
-    def round_trip(self) -> float:
-        """Seconds there and back."""
-        ...
-
-    @property
-    def offset(self) -> float:
-        """Seconds by which the neighbour's clock is ahead."""
-        ...
 
 
 class LinkBook:
@@ -73,7 +37,7 @@ class LinkBook:
         self._loss, self._age = np.full(shape, np.nan), np.full(shape, np.nan)
         self._total = 0.0
 
-    def update(self, node: int, links: Sequence[LinkReport]) -> None:
+    def update(self, node: int, links: Sequence[LinkStatus]) -> None:
         """Take in what ``node`` says of the ``links`` that it hears by."""
         for link in links:
             slot = self._slots.get((node, link.neighbour))
@@ -83,7 +47,7 @@ class LinkBook:
             fresh = received - self._received[slot] if received >= self._received[slot] else received
             gone = lost - self._lost[slot] if lost >= self._lost[slot] else lost
             self._received[slot], self._lost[slot] = received, lost
-            self._age[slot] = link.age
+            self._age[slot] = np.inf if link.age is None else link.age
             self._total += fresh
             if fresh + gone > 0.0:
                 share, weight = gone / (fresh + gone), 1.0 - float(np.exp(-(fresh + gone) / _MEMORY))
@@ -103,6 +67,6 @@ class LinkBook:
 
     @property
     def age(self) -> FloatArray:
-        """(M,) age of the last message, seconds, the worse direction; NaN where nobody told."""
+        """(M,) age of the last message, seconds, the worse direction; infinite: none yet, NaN: nobody told."""
         worse: FloatArray = np.fmax(self._age[:, 0], self._age[:, 1])
         return worse

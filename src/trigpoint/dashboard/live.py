@@ -6,13 +6,12 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trigpoint.arrays import FloatArray, IntArray
-from trigpoint.dashboard.feed import ORDERS, Controls, Event, changes
+from trigpoint.dashboard.feed import ORDERS, Event, changes
 from trigpoint.dashboard.frames import (
     ANCHORED,
     PAUSED,
@@ -29,54 +28,15 @@ from trigpoint.dashboard.frames import (
     trace_message,
 )
 from trigpoint.dashboard.history import History
-from trigpoint.dashboard.links import LinkBook, LinkReport
+from trigpoint.dashboard.links import LinkBook
 from trigpoint.errors import ArgumentError, ProtocolError, ShapeError, TrigpointError
 from trigpoint.graphs.layout import arc_pairs
 
+if TYPE_CHECKING:
+    from trigpoint.runtime import Controls, LinkStatus, NodeStatus, Snapshot
+
 _MOST_EVENTS = 500
 _TRAFFIC_SPAN = 2.0
-
-
-class NodeReport(Protocol):
-    """What a node publishes about itself: the attributes of ``runtime.NodeStatus`` that the page uses."""
-
-    @property
-    def anchored(self) -> bool: ...  # noqa: D102
-    @property
-    def covered(self) -> bool: ...  # noqa: D102
-    @property
-    def paused(self) -> bool: ...  # noqa: D102
-    @property
-    def hops(self) -> int | None: ...  # noqa: D102
-    @property
-    def uncertainty(self) -> float: ...  # noqa: D102
-    @property
-    def missed(self) -> float: ...  # noqa: D102
-    @property
-    def step_us(self) -> float: ...  # noqa: D102
-    @property
-    def rejected(self) -> float: ...  # noqa: D102
-    @property
-    def links(self) -> Sequence[LinkReport]: ...  # noqa: D102
-
-
-class SnapshotLike(Protocol):
-    """The network at one instant, as a monitor knows it: the attributes of ``runtime.Snapshot``."""
-
-    @property
-    def time(self) -> float: ...  # noqa: D102
-    @property
-    def names(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def estimate(self) -> Sequence[FloatArray | None]: ...  # noqa: D102
-    @property
-    def truth(self) -> Sequence[FloatArray | None]: ...  # noqa: D102
-    @property
-    def status(self) -> Sequence[NodeReport | None]: ...  # noqa: D102
-    @property
-    def age(self) -> FloatArray: ...  # noqa: D102
-    @property
-    def error(self) -> FloatArray: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +83,7 @@ class LiveFeed:
 
     def __init__(
         self,
-        source: Callable[[], SnapshotLike],
+        source: Callable[[], Snapshot],
         scene: Scene,
         controls: Controls | None = None,
         *,
@@ -143,14 +103,14 @@ class LiveFeed:
         pairs = arc_pairs(scene.graph)[0].tolist()
         self._links = LinkBook(pairs, self.names)
         n = len(self.names)
-        self._status: list[NodeReport | None] = [None] * n
+        self._status: list[NodeStatus | None] = [None] * n
         self._paused: set[int] = set()
         self._states: IntArray = np.full(n, UNKNOWN, dtype=np.int64)
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self._event_count = 0
         self._traffic: deque[tuple[float, float]] = deque()
         self._history: History | None = None
-        self._snapshot: SnapshotLike | None = None
+        self._snapshot: Snapshot | None = None
         self._moment = self._empty(n, len(pairs))
         self._topology = topology_message(
             scene,
@@ -178,14 +138,18 @@ class LiveFeed:
             due = max(due + self.period, clock())
             await asyncio.sleep(due - clock())
 
-    def absorb(self, snapshot: SnapshotLike) -> None:
+    def absorb(self, snapshot: Snapshot) -> None:
         """Make ``snapshot`` the latest frame and keep it in the history; other names are a ``ShapeError``."""
         if snapshot.names != self.names:
             raise ShapeError(f"the snapshot has {len(snapshot.names)} nodes that are not the {len(self.names)} watched")
         for node, status in enumerate(snapshot.status):
-            if status is not None and status is not self._status[node]:
-                self._links.update(node, status.links)
-                self._status[node] = status
+            before = self._status[node]
+            if status is None or status is before:
+                continue
+            if before is not None and status.acts < before.acts:
+                self._add([Event(snapshot.time, f"{self.names[node]}: started again", node)])
+            self._links.update(node, status.links)
+            self._status[node] = status
         everyone = range(len(self.names))
         states = np.array([self._state(*row) for row in zip(everyone, snapshot.status, snapshot.age, strict=True)])
         self._add(changes(snapshot.time, self._states, states, self.names))
@@ -266,7 +230,7 @@ class LiveFeed:
         self._events.extend(events)
         self._event_count += len(events)
 
-    def _state(self, node: int, status: NodeReport | None, age: float) -> int:
+    def _state(self, node: int, status: NodeStatus | None, age: float) -> int:
         if np.isinf(age):
             return UNKNOWN
         if age > self._stale:
@@ -277,7 +241,7 @@ class LiveFeed:
             return RELATIVE
         return ANCHORED if status.covered else UNCOVERED
 
-    def _drawn(self, snapshot: SnapshotLike, states: IntArray) -> Moment:
+    def _drawn(self, snapshot: Snapshot, states: IntArray) -> Moment:
         statuses = [status for status in self._status if status is not None]
         uncertainty = [np.nan if status is None else status.uncertainty for status in self._status]
         error = np.asarray(snapshot.error, dtype=np.float64)
@@ -287,7 +251,7 @@ class LiveFeed:
             norm=_norm(error),
             traffic=self._messages_a_second(snapshot.time),
             missed=float(sum(status.missed for status in statuses)) if statuses else np.nan,
-            rejected=float(sum(status.rejected for status in statuses)) if statuses else np.nan,
+            rejected=float(sum(status.counters.dropped for status in statuses)) if statuses else np.nan,
             error=error,
             uncertainty=np.array(uncertainty, dtype=np.float64),
             age=np.asarray(snapshot.age, dtype=np.float64),
@@ -303,7 +267,7 @@ class LiveFeed:
         start, total = self._traffic[0]
         return (self._links.total - total) / (time - start) if time > start else np.nan
 
-    def _remember(self, snapshot: SnapshotLike) -> None:
+    def _remember(self, snapshot: Snapshot) -> None:
         if self._history is None:
             lengths = [0 if value is None else value.shape[0] for value in (*snapshot.estimate, *snapshot.truth)]
             if not max(lengths, default=0):
@@ -345,21 +309,26 @@ def _values(value: FloatArray | None) -> list[float | None]:
     return [] if value is None else or_null(np.asarray(value, dtype=np.float64))
 
 
-def _facts(status: NodeReport) -> list[list[Any]]:
-    return [
+def _facts(status: NodeStatus) -> list[list[Any]]:
+    facts: list[list[Any]] = [
         ["hops to an anchor", status.hops],
         ["guarantee covers its links", "yes" if status.covered else "no"],
-        ["step, µs", number_or_null(float(status.step_us))],
-        ["deadlines missed", number_or_null(float(status.missed))],
-        ["frames rejected", number_or_null(float(status.rejected))],
+        ["norm of innovations", number_or_null(status.innovation)],
+        ["acts", status.acts],
+        ["deadlines missed", status.missed],
+        ["an act takes, µs", number_or_null(status.step_us)],
+        ["frames rejected", status.counters.dropped],
     ]
+    return facts if status.warning is None else [*facts, ["warning", status.warning]]
 
 
-def _link(link: LinkReport) -> dict[str, Any]:
-    numbers = ("age", "received", "lost", "round_trip", "offset")
-    state = link.state.name if isinstance(link.state, Enum) else str(link.state)
+def _link(link: LinkStatus) -> dict[str, Any]:
     return {
         "neighbour": link.neighbour,
-        "state": state.lower(),
-        **{name: number_or_null(float(getattr(link, name))) for name in numbers},
+        "state": link.state.name.lower(),
+        "age": link.age,
+        "received": link.received,
+        "lost": link.lost,
+        "round_trip": link.round_trip,
+        "offset": link.offset,
     }

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trigpoint.arrays import FloatArray
-from trigpoint.dashboard.feed import Controls, Event, changes
+from trigpoint.dashboard.feed import Event, changes
 from trigpoint.dashboard.frames import (
     STATES,
     UNKNOWN,
@@ -28,6 +28,7 @@ from trigpoint.graphs.layout import arc_pairs
 if TYPE_CHECKING:
     from trigpoint.graphs import MeasurementGraph
     from trigpoint.observers.run import Run
+    from trigpoint.runtime import Controls
 
 _DECADES = 6.0
 _MOST_EVENTS = 500
