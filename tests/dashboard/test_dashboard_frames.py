@@ -9,7 +9,7 @@ import pytest
 
 from tests.dashboard.feeds import recorded
 from trigpoint import graphs
-from trigpoint.dashboard import STATES, Moment, Playback, ReplayFeed, Scene, decode_moment, encode_moment
+from trigpoint.dashboard import STATES, Event, Moment, Playback, ReplayFeed, Scene, decode_moment, encode_moment
 from trigpoint.dashboard.commands import LONGEST, decode_command, ordered, selected
 from trigpoint.dashboard.frames import trace_message
 from trigpoint.errors import ArgumentError, ProtocolError, ShapeError
@@ -150,6 +150,36 @@ def test_places_are_finite_distinct_and_repeatable(graph):
     places = {(round(x, 6), round(y, 6)) for x, y in zip(message["x"], message["y"], strict=True)}
     assert len(places) > graph.n_nodes / 2
     assert np.isfinite(message["x"] + message["y"]).all()
+
+
+def test_a_grid_lies_along_the_axes_and_a_ring_stays_round():
+    message = ReplayFeed(recorded(9), Scene(graphs.grid(3, 3))).topology()
+    x, y = np.array(message["x"]), np.array(message["y"])
+    for i, j in message["arcs"]:
+        along = sorted((abs(x[i] - x[j]), abs(y[i] - y[j])))
+        assert along[0] < 0.1 * along[1]
+    ring = ReplayFeed(recorded(7), Scene(graphs.cycle(7))).topology()
+    radii = np.hypot(ring["x"] - np.mean(ring["x"]), ring["y"] - np.mean(ring["y"]))
+    np.testing.assert_allclose(radii, radii[0], rtol=0.05)
+
+
+def test_tables_of_a_replay():
+    run = recorded(4)
+    uncertainty, age = np.random.default_rng(0).random((2, 6, 4))
+    age[0] = np.inf
+    happened = Event(0.12, "killed", 1)
+    scene = Scene(graphs.chain(4))
+    feed = ReplayFeed(run, scene, uncertainty=uncertainty, age=age, events=[happened], stale=0.5)
+    topology = feed.topology()
+    assert (topology["colours"], topology["stale"]) == (["error", "uncertainty", "state", "age"], 0.5)
+    moment = decode_moment(feed.frame(3))
+    np.testing.assert_allclose(moment.uncertainty, uncertainty[3], rtol=1e-6)
+    np.testing.assert_allclose(moment.age, age[3], rtol=1e-6)
+    assert feed.traces(2)["uncertainty"] == uncertainty[:, 2].tolist()
+    assert feed.details(2, 1)["uncertainty"] == uncertainty[1, 2]
+    assert feed.events(0) == (1, [happened])
+    with pytest.raises(ShapeError, match=r"age must be \(T, N\) = \(6, 4\); got \(4, 6\)"):
+        ReplayFeed(run, scene, age=age.T)
 
 
 def test_the_rate_is_the_one_that_the_run_was_made_with():

@@ -90,6 +90,20 @@ def test_a_node_is_never_called_anchored_when_it_is_not_heard():
     assert states(feed) == ["anchored", "silent", "unknown", "anchored"]
 
 
+def test_the_last_estimate_of_a_silent_node_is_no_present_one():
+    feed, _ = live()
+    feed.absorb(snapshot(NAMES, 1.0, offset=0.5))
+    feed.absorb(snapshot(NAMES, 2.0, offset=0.5, age=[0.0, 9.0, 0.0, 0.0]))
+    shown = moment(feed)
+    np.testing.assert_allclose(shown.error, [0.5, np.nan, 0.5, 0.5])
+    np.testing.assert_allclose(shown.uncertainty, [0.25, np.nan, 0.25, 0.25])
+    assert shown.norm == pytest.approx(0.5 * math.sqrt(3.0))
+    trace = feed.traces(1)
+    assert (trace["error"], trace["estimate"][0]) == ([0.5, None], [1.5, None])
+    details = feed.details(1, 0)
+    assert (details["estimate"], details["error"], details["truth"]) == ([], None, [1.0, 2.0])
+
+
 def test_an_order_to_pause_explains_the_silence():
     feed, _ = live()
     feed.absorb(snapshot(NAMES, 1.0))
@@ -317,6 +331,20 @@ def test_the_end_is_told():
         with pytest.raises(WebSocketDisconnect) as closed:
             receive_all(session)
         assert closed.value.code == 1000
+
+
+def test_a_source_that_ends_the_feed_adds_no_frame():
+    feed, nodes = live(period=0.01)
+
+    def source():
+        if nodes.clock > 0.25:
+            feed.end("over")
+        return nodes()
+
+    feed._source = source
+    with client_of(feed) as client, connect(client) as session:
+        assert receive_until(session, "end")["text"] == "over"
+    assert feed.count == 3
 
 
 def test_a_source_that_fails_ends_the_feed():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trigpoint.arrays import FloatArray, IntArray
+from trigpoint.arrays import BoolArray, FloatArray, IntArray
 from trigpoint.dashboard.feed import ORDERS, Event, changes
 from trigpoint.dashboard.frames import (
     ANCHORED,
@@ -74,7 +75,7 @@ class LiveFeed:
         source: returns the present ``Snapshot``; called from a thread of its own, never twice at once.
         scene: the network, with nodes named as in the snapshots.
         controls: what the page may do to the nodes; None: look only.
-        stale: seconds after which a node that is not heard counts as silent.
+        stale: seconds after which a node that is not heard counts as silent, and its estimate and error as unknown.
         period: seconds between two snapshots.
         memory: bytes that the kept history may take.
 
@@ -108,6 +109,7 @@ class LiveFeed:
         self._states: IntArray = np.full(n, UNKNOWN, dtype=np.int64)
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self._event_count = 0
+        self._lock = threading.Lock()  # events may be noted from other threads
         self._traffic: deque[tuple[float, float]] = deque()
         self._history: History | None = None
         self._snapshot: Snapshot | None = None
@@ -132,9 +134,12 @@ class LiveFeed:
         due = clock()
         while self.ended is None:
             try:
-                self.absorb(await asyncio.to_thread(self._source))
+                snapshot = await asyncio.to_thread(self._source)
             except TrigpointError as error:
                 self.end(f"The run cannot be followed any longer: {error}")
+            if self.ended is not None:  # the source may have said so, too
+                return
+            self.absorb(snapshot)
             due = max(due + self.period, clock())
             await asyncio.sleep(due - clock())
 
@@ -202,7 +207,7 @@ class LiveFeed:
         """Return what is known of ``node`` now, whatever ``index``."""
         self._check(node)
         snapshot, status = self._snapshot, self._status[node]
-        known = snapshot is not None and snapshot.estimate[node] is not None
+        known = snapshot is not None and not self._silent(snapshot)[node]
         return {
             "type": "node",
             "node": node,
@@ -217,8 +222,9 @@ class LiveFeed:
 
     def events(self, after: int) -> tuple[int, Sequence[Event]]:
         """Return how many events there have been, and those kept among them from number ``after`` on."""
-        fresh = min(max(0, self._event_count - after), len(self._events))
-        return self._event_count, list(self._events)[len(self._events) - fresh :]
+        with self._lock:
+            fresh = min(max(0, self._event_count - after), len(self._events))
+            return self._event_count, list(self._events)[len(self._events) - fresh :]
 
     # -- inside ------------------------------------------------------------------------------------------------------
 
@@ -227,8 +233,9 @@ class LiveFeed:
             raise ProtocolError(f"node {node} is not in the network; expected 0 <= node < {len(self.names)}")
 
     def _add(self, events: Sequence[Event]) -> None:
-        self._events.extend(events)
-        self._event_count += len(events)
+        with self._lock:
+            self._events.extend(events)
+            self._event_count += len(events)
 
     def _state(self, node: int, status: NodeStatus | None, age: float) -> int:
         if np.isinf(age):
@@ -241,10 +248,15 @@ class LiveFeed:
             return RELATIVE
         return ANCHORED if status.covered else UNCOVERED
 
+    def _silent(self, snapshot: Snapshot) -> BoolArray:
+        """(N,) nodes whose last estimate is too old to be taken for a present one."""
+        return np.asarray(snapshot.age, dtype=np.float64) > self._stale
+
     def _drawn(self, snapshot: Snapshot, states: IntArray) -> Moment:
         statuses = [status for status in self._status if status is not None]
         uncertainty = [np.nan if status is None else status.uncertainty for status in self._status]
-        error = np.asarray(snapshot.error, dtype=np.float64)
+        silent = self._silent(snapshot)
+        error = np.where(silent, np.nan, snapshot.error)
         return Moment(
             index=self.count,
             time=snapshot.time,
@@ -253,7 +265,7 @@ class LiveFeed:
             missed=float(sum(status.missed for status in statuses)) if statuses else np.nan,
             rejected=float(sum(status.counters.dropped for status in statuses)) if statuses else np.nan,
             error=error,
-            uncertainty=np.array(uncertainty, dtype=np.float64),
+            uncertainty=np.where(silent, np.nan, uncertainty),
             age=np.asarray(snapshot.age, dtype=np.float64),
             state=states.astype(np.float64),
             loss=self._links.loss,
@@ -277,7 +289,7 @@ class LiveFeed:
         self._history.append(
             time=moment.time,
             norm=moment.norm,
-            estimate=_table(snapshot.estimate, states),
+            estimate=np.where(self._silent(snapshot)[:, None], np.nan, _table(snapshot.estimate, states)),
             truth=_table(snapshot.truth, states),
             error=moment.error,
             uncertainty=moment.uncertainty,

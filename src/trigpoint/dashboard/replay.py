@@ -22,7 +22,7 @@ from trigpoint.dashboard.frames import (
     trace_message,
 )
 from trigpoint.dashboard.playback import Playback
-from trigpoint.errors import ArgumentError, ProtocolError
+from trigpoint.errors import ArgumentError, ProtocolError, ShapeError
 from trigpoint.graphs.layout import arc_pairs
 
 if TYPE_CHECKING:
@@ -41,16 +41,30 @@ class ReplayFeed:
         run: at least one sample.
         scene: its network and how to show it. Where it has no rate, the run's ``guaranteed_rate`` is drawn.
         speed: seconds of the run a second when a page opens.
+        uncertainty: (T, N) standard deviation that each node states, or None.
+        age: (T, N) seconds since each node was last heard, or None.
+        events: further events, beside the changes of the nodes' status.
+        stale: seconds after which a node counts as silent, for the scale of the ages.
 
     Raises:
-        ShapeError: the graph has another number of nodes than the run.
+        ShapeError: the graph has another number of nodes than the run, or a table another shape.
         ArgumentError: a run without samples, a speed or a rate that is not positive.
     """
 
     controls: Controls | None = None
     ended: str | None = None
 
-    def __init__(self, run: Run, scene: Scene, speed: float = 1.0) -> None:
+    def __init__(
+        self,
+        run: Run,
+        scene: Scene,
+        speed: float = 1.0,
+        *,
+        uncertainty: FloatArray | None = None,
+        age: FloatArray | None = None,
+        events: Sequence[Event] = (),
+        stale: float | None = None,
+    ) -> None:
         if not run.times.shape[0]:
             raise ArgumentError("the run has no samples: there is nothing to replay")
         rate = run.attributes.get("guaranteed_rate")
@@ -61,22 +75,27 @@ class ReplayFeed:
         self._start = Playback.start(run.times, speed)
         self._states = _state_codes(run)
         self._norm = run.error_norm
-        self._nothing = np.full(len(run.names), np.nan)
+        self._tables = {name: _table(run, name, value) for name, value in (("uncertainty", uncertainty), ("age", age))}
         self._no_links = np.full(arc_pairs(scene.graph)[0].shape[0], np.nan)
         self._neighbours = neighbours(scene.graph, run.names)
         self._topology = topology_message(
             scene,
             run.names,
             mode="replay",
-            colours=["error", "state"],
+            colours=[
+                "error",
+                *(["uncertainty"] if uncertainty is not None else []),
+                "state",
+                *(["age"] if age is not None else []),
+            ],
             links=[],
             controls=[],
             times=run.times.tolist(),
             norm={"times": run.times.tolist(), "values": or_null(self._norm)},
             error_range=_error_range(run),
-            stale=None,
+            stale=stale,
         )
-        self._events = self._all_events()
+        self._events = sorted([*self._all_events(), *events], key=lambda event: event.time)
 
     def topology(self) -> dict[str, Any]:
         """Return the message that a page gets first."""
@@ -103,8 +122,8 @@ class ReplayFeed:
             missed=np.nan,
             rejected=np.nan,
             error=node_errors(run, index),
-            uncertainty=self._nothing,
-            age=self._nothing,
+            uncertainty=self._tables["uncertainty"][index],
+            age=self._tables["age"][index],
             state=self._states[index].astype(np.float64),
             loss=self._no_links,
             link_age=self._no_links,
@@ -117,7 +136,8 @@ class ReplayFeed:
             raise ProtocolError(f"node {node} is not in the run; expected 0 <= node < {len(run.names)}")
         estimate, truth = run.estimate[:, node], run.truth[:, node]
         error = np.sqrt(((estimate - truth) ** 2).sum(axis=1))
-        return trace_message(node, run.times, estimate=estimate, truth=truth, error=error)
+        uncertainty = self._tables["uncertainty"][:, node]
+        return trace_message(node, run.times, estimate=estimate, truth=truth, error=error, uncertainty=uncertainty)
 
     def details(self, node: int, index: int) -> dict[str, Any]:
         """Return what the run knows of ``node`` at the sample ``index``."""
@@ -133,7 +153,7 @@ class ReplayFeed:
             "estimate": or_null(run.estimate[index, node]),
             "truth": or_null(run.truth[index, node]),
             "error": number_or_null(error),
-            "uncertainty": None,
+            "uncertainty": number_or_null(float(self._tables["uncertainty"][index, node])),
             "facts": facts,
             "links": [{"neighbour": other} for other in self._neighbours.get(node, [])],
         }
@@ -163,6 +183,15 @@ class ReplayFeed:
                 text = f"only the first {_MOST_EVENTS} changes are listed"
                 return [*found[:_MOST_EVENTS], Event(float(self._run.times[k + 1]), text)]
         return found
+
+
+def _table(run: Run, name: str, values: FloatArray | None) -> FloatArray:
+    shape = (run.times.shape[0], len(run.names))
+    if values is None:
+        return np.broadcast_to(np.nan, shape)
+    if values.shape != shape:
+        raise ShapeError(f"{name} must be (T, N) = {shape}; got {values.shape}")
+    return values
 
 
 def node_errors(run: Run, k: int) -> FloatArray:

@@ -82,7 +82,12 @@ class Page {
       hovered: (node, link) => this.point(node, link),
       drawn: () => this.count(),
     });
-    this.card = new NodeCard(topology, (order, node) => this.order(order, node), (name) => this.choose(names.indexOf(name)));
+    this.card = new NodeCard(
+      topology,
+      (order, node) => this.order(order, node),
+      (name) => this.choose(names.indexOf(name)),
+      (node) => this.connection.send({ type: "select", node }),
+    );
     if (topology.mode === "replay") this.playback = new Playback(topology.times, (command) => this.connection.send(command));
     this.beginNorm(topology);
     this.toolbar(topology);

@@ -25,6 +25,7 @@ export class NodeCard {
     private readonly topology: Topology,
     private readonly order: (order: Order, node: number) => void,
     private readonly choose: (name: string) => void,
+    private readonly again: (node: number) => void,
   ) {
     this.estimate = new Plot(byId("estimate-plot"), false, "", 150);
     this.error = new Plot(byId("error-plot"), true, topology.unit, 150);
@@ -85,21 +86,18 @@ export class NodeCard {
   show(facts: NodeFacts, state: number): void {
     if (facts.node !== this.node) return;
     if (this.topology.mode === "live") {
-      if (!this.components && facts.estimate.length) this.begin(facts);
+      if (facts.estimate.length && (!this.components || (facts.truth.length && !this.hasTruth))) {
+        this.hasTruth = facts.truth.length > 0;
+        this.again(facts.node); // the traces were sent before this was known: ask for them once more
+      }
       const truth = this.hasTruth ? facts.truth.slice(0, this.components) : [];
-      this.estimate.push(facts.time, [...facts.estimate.slice(0, this.components), ...truth]);
+      const estimate = Array.from({ length: this.components }, (_, k) => facts.estimate[k] ?? null);
+      this.estimate.push(facts.time, [...estimate, ...truth]);
       this.error.push(facts.time, [facts.error, ...(this.hasUncertainty ? [facts.uncertainty] : [])]);
     }
     this.badge(this.topology.states[state] ?? "unknown");
     this.listFacts(facts);
     this.listLinks(facts.links);
-  }
-
-  /** A node that was chosen before it was ever heard. */
-  private begin(facts: NodeFacts): void {
-    const empty = facts.estimate.map((): Numbers => []);
-    const truth = facts.truth.length ? { truth: empty } : {};
-    this.trace({ type: "trace", node: facts.node, times: [], estimate: empty, ...truth, error: [], uncertainty: [] });
   }
 
   private badge(state: string): void {
@@ -111,7 +109,7 @@ export class NodeCard {
   private listFacts(facts: NodeFacts): void {
     const unit = this.topology.unit && ` ${this.topology.unit}`;
     const rows: [string, string][] = [["estimate", facts.estimate.map((v) => short(v)).join(", ") || NONE]];
-    if (facts.truth.length) rows.push(["true", facts.truth.map((v) => short(v)).join(", ")]);
+    if (this.hasTruth) rows.push(["true", facts.truth.map((v) => short(v)).join(", ") || NONE]);
     rows.push(["error", `${short(facts.error)}${facts.error === null ? "" : unit}`]);
     if (this.hasUncertainty) rows.push(["stated uncertainty", short(facts.uncertainty)]);
     for (const [name, value] of facts.facts) rows.push([name, typeof value === "number" ? short(value) : (value ?? NONE)]);

@@ -99,7 +99,7 @@ export class Plot {
         {
           ...axis,
           size: 58,
-          ...(this.log ? { splits: wholeDecades } : {}),
+          ...(this.log ? { splits: wholeDecades, filter: (_: uPlot, splits: number[]) => splits } : {}),
           values: (_, at) => at.map((v) => (v === null ? "" : this.log ? decade(v) : short(v))),
         },
       ],
