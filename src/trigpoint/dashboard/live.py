@@ -38,6 +38,13 @@ if TYPE_CHECKING:
 
 _MOST_EVENTS = 500
 _TRAFFIC_SPAN = 2.0
+_SAID = np.dtype(
+    [
+        ("known", "?"), ("anchored", "?"), ("covered", "?"), ("paused", "?"),
+        ("uncertainty", "f8"), ("missed", "f8"), ("rejected", "f8"),
+    ]
+)  # fmt: skip
+"""What the drawing needs of each node's last status."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +112,8 @@ class LiveFeed:
         self._links = LinkBook(pairs, self.names)
         n = len(self.names)
         self._status: list[NodeStatus | None] = [None] * n
+        self._said = np.zeros(n, dtype=_SAID)
+        self._said["uncertainty"] = np.nan
         self._paused: set[int] = set()
         self._states: IntArray = np.full(n, UNKNOWN, dtype=np.int64)
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
@@ -155,8 +164,11 @@ class LiveFeed:
                 self._add([Event(snapshot.time, f"{self.names[node]}: started again", node)])
             self._links.update(node, status.links)
             self._status[node] = status
-        everyone = range(len(self.names))
-        states = np.array([self._state(*row) for row in zip(everyone, snapshot.status, snapshot.age, strict=True)])
+            self._said[node] = (
+                True, status.anchored, status.covered, status.paused,
+                status.uncertainty, status.missed, status.counters.dropped,
+            )  # fmt: skip
+        states = self._states_at(np.asarray(snapshot.age, dtype=np.float64))
         self._add(changes(snapshot.time, self._states, states, self.names))
         self._states, self._snapshot = states, snapshot
         self.count += 1
@@ -237,24 +249,28 @@ class LiveFeed:
             self._events.extend(events)
             self._event_count += len(events)
 
-    def _state(self, node: int, status: NodeStatus | None, age: float) -> int:
-        if np.isinf(age):
-            return UNKNOWN
-        if age > self._stale:
-            return PAUSED if node in self._paused or (status is not None and status.paused) else SILENT
-        if status is None:
-            return UNKNOWN
-        if not status.anchored:
-            return RELATIVE
-        return ANCHORED if status.covered else UNCOVERED
+    def _states_at(self, age: FloatArray) -> IntArray:
+        """(N,) indices into ``STATES`` for nodes last heard ``age`` seconds ago."""
+        said = self._said
+        paused = said["paused"].copy()
+        paused[list(self._paused)] = True
+        rules = (
+            (np.isinf(age), UNKNOWN),
+            ((age > self._stale) & paused, PAUSED),
+            (age > self._stale, SILENT),
+            (~said["known"], UNKNOWN),
+            (~said["anchored"], RELATIVE),
+            (said["covered"], ANCHORED),
+        )
+        return np.select([rule for rule, _ in rules], [state for _, state in rules], UNCOVERED).astype(np.int64)
 
     def _silent(self, snapshot: Snapshot) -> BoolArray:
         """(N,) nodes whose last estimate is too old to be taken for a present one."""
         return np.asarray(snapshot.age, dtype=np.float64) > self._stale
 
     def _drawn(self, snapshot: Snapshot, states: IntArray) -> Moment:
-        statuses = [status for status in self._status if status is not None]
-        uncertainty = [np.nan if status is None else status.uncertainty for status in self._status]
+        said = self._said
+        known = said["known"].any()
         silent = self._silent(snapshot)
         error = np.where(silent, np.nan, snapshot.error)
         return Moment(
@@ -262,10 +278,10 @@ class LiveFeed:
             time=snapshot.time,
             norm=_norm(error),
             traffic=self._messages_a_second(snapshot.time),
-            missed=float(sum(status.missed for status in statuses)) if statuses else np.nan,
-            rejected=float(sum(status.counters.dropped for status in statuses)) if statuses else np.nan,
+            missed=float(said["missed"].sum()) if known else np.nan,
+            rejected=float(said["rejected"].sum()) if known else np.nan,
             error=error,
-            uncertainty=np.where(silent, np.nan, uncertainty),
+            uncertainty=np.where(silent, np.nan, said["uncertainty"]),
             age=np.asarray(snapshot.age, dtype=np.float64),
             state=states.astype(np.float64),
             loss=self._links.loss,

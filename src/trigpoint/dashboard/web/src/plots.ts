@@ -41,7 +41,9 @@ export class Plot {
   /** Begins anew with these lines and columns: the times first. */
   begin(lines: Line[], columns: Numbers[]): void {
     this.lines = lines;
-    this.data = columns.map((column, k) => (k && this.log ? column.map(positive) : [...column]));
+    const first = columns[0].findIndex((_, row) => columns.some((column, k) => k > 0 && column[row] !== null));
+    const known = columns.map((column) => column.slice(first < 0 ? column.length : first)); // from what is known on
+    this.data = known.map((column, k) => (k && this.log ? column.map(positive) : column));
     this.restyle();
   }
 
@@ -50,6 +52,7 @@ export class Plot {
     const times = this.data[0];
     const last = times[times.length - 1];
     if (last !== undefined && last !== null && time <= last) return;
+    if (last === undefined && values.every((value) => value === null)) return;
     times.push(time);
     for (let k = 1; k < this.data.length; k++) {
       const value = values[k - 1] ?? null;
