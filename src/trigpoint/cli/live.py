@@ -96,6 +96,7 @@ class LiveRun:
     log: LogWriter | None
     clock: SystemClock = field(default_factory=SystemClock)
     trouble: str | None = None
+    closing: bool = False
 
     def __post_init__(self) -> None:
         """Open the links; nothing runs yet."""
@@ -147,6 +148,7 @@ class LiveRun:
 
     def close(self) -> None:
         """End the processes, then the links, then the log, which gets the goodbyes, too."""
+        self.closing = True
         self.supervisor.stop()
         self.monitor.poll()
         self._log_events()
@@ -266,5 +268,7 @@ def log_of(plan: LivePlan, path: Path) -> LogWriter:
         "period": plan.nodes[0].period,
         "guaranteed_rate": plan.nodes[0].decay_rate,
         "stale": plan.nodes[0].stale,
+        "hears": {node.name: list(node.program.hears) for node in plan.nodes},
+        "anchors": [node.name for node in plan.nodes if any(not arc.heard for arc in node.program.arcs)],
     }
     return LogWriter(path, network=plan.network, names=plan.names, attributes=attributes)

@@ -1,4 +1,4 @@
-"""``trigpoint convert``, ``reproduce``, ``report`` and ``watch``."""
+"""``trigpoint convert``, ``reproduce`` and ``report``."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from trigpoint.cli.compose import estimating, kind_of, read
+from trigpoint.cli.compose import kind_of
 from trigpoint.cli.shell import FAILS, HOLDS, Json, Out, console, emit, ending, guarded
-from trigpoint.dashboard import page_url, replay_app, serve
 from trigpoint.errors import FileFormatError
 from trigpoint.io import ScenarioFile, load, save, write_atomically
 from trigpoint.observers.run import Run
@@ -88,27 +87,6 @@ def report(
         emit({"report": str(target)})
     else:
         console().print(f"written to {target}")
-    return HOLDS
-
-
-@guarded
-def watch(
-    file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz), or the log of a live run (.mcap).")],
-    network: Annotated[Path, typer.Argument(help="Its network: any file that simulate takes.")],
-    port: Annotated[int, typer.Option("--port", help="Port on 127.0.0.1.")] = 8765,
-    as_json: Json = False,
-) -> int:
-    """Replay a recorded run in the browser, from this machine only. Ends with Ctrl-C."""
-    run = _run(file)
-    given = read(network)
-    candidates = (given.graph, estimating(given, "unit").graph)
-    graph = next((g for g in candidates if g is not None and g.names == run.names), None)
-    if graph is None:
-        raise FileFormatError(network, "is not the network of this run: the node names differ")
-    app = replay_app(run, graph)
-    if as_json:
-        emit({"address": page_url(app, port)})
-    serve(app, port)
     return HOLDS
 
 

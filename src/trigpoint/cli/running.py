@@ -21,6 +21,7 @@ from trigpoint.cli.compose import changed, part_of, read_any
 from trigpoint.cli.live import LiveRun, facts_of, holds, log_of, seconds_of
 from trigpoint.cli.live_plan import Design, Places, ignored_troubles, plan_of
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, guarded, notice
+from trigpoint.cli.watching import watched
 from trigpoint.errors import ArgumentError
 from trigpoint.io.sections import RunSection
 from trigpoint.methods import design
@@ -47,6 +48,8 @@ def run_command(
     agents_per_process: PerProcess = None,
     prepare: Prepare = None,
     allow_plain: Plain = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Show the run on a page for the browser.")] = False,
+    port: Annotated[int, typer.Option("--port", help="Port of that page, on 127.0.0.1.")] = 8765,
     out: Out = None,
     as_json: Json = False,
 ) -> int:
@@ -77,7 +80,7 @@ def run_command(
             return _prepared(plan, as_json)
         log = (file.parent if out is None else out) / "run.mcap"
         live = LiveRun(plan, log_of(plan, log))
-        with _shown(live, as_json) as show:
+        with watched(live, port if watch else None), _shown(live, as_json) as show:
             last = live.follow(seconds, show)
         facts = facts_of(live, last, designed.programs)
     if live.trouble is not None:
