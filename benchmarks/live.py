@@ -4,8 +4,10 @@ Run: OPENBLAS_NUM_THREADS=1 python benchmarks/live.py [agents] [rate in Hz] [sec
 """
 
 import math
+import os
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -72,11 +74,15 @@ def measured(live, seconds):
             float(np.mean([status.step_us for status in statuses])) if statuses else math.nan,
             len(sizes),
             sum(sizes),
+            usage[-1].cpu,
+            time.process_time(),
         )
 
     last = live.follow(seconds + WARM + 10.0, mark)
     first, final = marks[1], look(last)
-    lasted, acts, missed, cpu, memory, _, frames, amount = (b - a for a, b in zip(first, final, strict=True))
+    lasted, acts, missed, cpu, memory, _, frames, amount, plant, own = (
+        b - a for a, b in zip(first, final, strict=True)
+    )
     count = len(live.plan.names)
     busy = cpu / lasted
     return {
@@ -87,6 +93,9 @@ def measured(live, seconds):
         "microseconds a step": final[5],
         "processor time a step, microseconds": 1e6 * cpu / max(acts, 1),
         "agents a core": count / busy,
+        "cores of the plant": plant / lasted,
+        "cores of the monitor and supervisor": own / lasted,
+        "load of the machine": os.getloadavg()[0],
         "estimates a second and node": frames / lasted / count,
         "bytes a second on a link, each way": amount / lasted / count,
         "memory of all nodes, MB": final[4] / 2**20,

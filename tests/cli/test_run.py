@@ -21,7 +21,7 @@ from trigpoint.runtime import Snapshot, parse_address, read_log, read_settings
 
 KEYS = {
     "nodes", "processes", "rate", "seconds", "decay_rate_measured", "decay_rate_predicted", "decay_rate", "message_age",
-    "reading_age", "initial_error", "final_error", "relative_error", "heard", "anchored", "covered", "dead", "restarts",
+    "reading_age", "initial_error", "final_error", "relative_error", "heard", "anchored", "covered", "dead", "silent", "restarts",
     "acts", "missed", "step_us", "frames", "bytes", "cpu_per_node", "memory_per_process", "memory", "warnings", "log",
 }  # fmt: skip
 
@@ -83,7 +83,7 @@ def test_a_run_from_start_to_summary(scenario, tmp_path):
     assert (process.returncode, errors) == (0, "")
     assert set(facts) == KEYS
     assert (facts["nodes"], facts["processes"], facts["rate"]) == (3, 2, 25.0)
-    assert (facts["anchored"], facts["covered"], facts["heard"], facts["dead"]) == (3, 3, 3, [])
+    assert (facts["anchored"], facts["covered"], facts["heard"], facts["dead"], facts["silent"]) == (3, 3, 3, [], [])
     assert facts["final_error"] < 0.1 * facts["initial_error"]
     assert 0.02 < facts["message_age"] < 1.0
     assert facts["acts"] > 30
@@ -102,6 +102,34 @@ def test_a_summary_for_people_and_the_place_of_the_log(scenario):
     assert [each for each in words if each not in output] == []
     assert (scenario.parent / "run.mcap").exists()
     assert sorted(path.name for path in scenario.parent.iterdir()) == ["run.mcap", "scenario.toml"]
+
+
+@pytest.mark.slow
+def test_a_node_that_cannot_run_is_told_by_the_exit_code(scenario, tmp_path):
+    """Its address lies in a folder that does not exist: it is started again and again, and dead at the end."""
+    text = scenario.read_text(encoding="utf-8") + f'addresses = {{ 2 = "unixsock-stream/{tmp_path}/missing/2.sock" }}\n'
+    scenario.write_text(text, encoding="utf-8")
+    process = running("run", scenario, "--for", "10s", "--json")
+    output, errors = process.communicate(timeout=90)
+    facts = json.loads(output)
+    assert process.returncode == 1
+    assert "node 2 was not heard at the end; ended with exit code 2: error: cannot listen" in errors
+    assert facts["restarts"] >= 1
+    assert "2" in facts["silent"]
+    assert facts["final_error"] is None  # not everybody was ever known
+
+
+def test_an_address_in_use_leaves_nothing_behind(scenario, tmp_path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        address = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        text = scenario.read_text(encoding="utf-8") + f'transport = "tcp"\naddresses = {{ 2 = "{address}" }}\n'
+        scenario.write_text(text, encoding="utf-8")
+        result = trigpoint("run", scenario, "--for", "3s", "--json", "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    output = (tmp_path / "out" / "output" / "process-2.txt").read_text(encoding="utf-8")
+    assert f"error: {address} is in use by another process" in output
 
 
 def test_nothing_runs_where_no_observer_exists(tmp_path):

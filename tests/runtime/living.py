@@ -52,7 +52,7 @@ def planned(text: str, folder: Path, **changes: Any) -> Iterator[Any]:
 def living(text: str, folder: Path, **changes: Any) -> Iterator[LiveRun]:
     """The run, started; ended at the end of the block, whatever happens."""
     with planned(text, folder, **changes) as (_, plan):
-        plan.folder.mkdir()
+        plan.folder.mkdir(exist_ok=True)
         live = LiveRun(plan, None)
         try:
             live.supervisor.start()

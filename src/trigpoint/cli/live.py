@@ -114,7 +114,12 @@ class LiveRun:
         self.recorder = Recorder(plan.names)
         self._told = 0
         if self.log is not None:
-            self.monitor.hooks.append(self._write)
+            self.keep(self.log)
+
+    def keep(self, log: LogWriter) -> None:
+        """Write every frame and event to ``log`` from now on."""
+        self.log = log
+        self.monitor.hooks.append(self._write)
 
     def follow(self, duration: float | None, show: Callable[[Snapshot], None]) -> Snapshot:
         """Start everything, run for ``duration`` seconds or until a signal, end everything; the last snapshot.
@@ -200,6 +205,7 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
     age, reading_age = ages(live)
     usage = live.supervisor.usage()
     lasted = max(last.time, 1e-9)
+    limit = 1.0 + 5.0 * plan.nodes[0].period
     norms = None if run is None else run.error_norm
     size = None if run is None else float(np.linalg.norm(run.truth[-1]))
     return {
@@ -219,6 +225,7 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
         "anchored": sum(status.anchored for status in statuses),
         "covered": sum(status.covered for status in statuses),
         "dead": list(live.supervisor.dead_before_the_end),
+        "silent": [name for name, age in zip(plan.names, last.age, strict=True) if not age < limit],
         "restarts": live.supervisor.restarts,
         "acts": sum(status.acts for status in statuses),
         "missed": sum(status.missed for status in statuses),
@@ -257,8 +264,8 @@ def _nodes_cpu(usage: tuple[Usage, ...], plan: LivePlan) -> float:
 
 
 def holds(facts: dict[str, Any]) -> bool:
-    """Whether every node ran and was anchored at the end."""
-    return not facts["dead"] and facts["anchored"] == facts["nodes"]
+    """Whether every node ran, was heard and was anchored at the end."""
+    return not facts["dead"] and not facts["silent"] and facts["anchored"] == facts["nodes"]
 
 
 def log_of(plan: LivePlan, path: Path) -> LogWriter:

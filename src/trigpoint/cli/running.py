@@ -56,7 +56,7 @@ def run_command(
     """Run the network: one process a node, talking to its neighbours only; the plant is simulated beside them.
 
     Writes run.mcap beside the scenario, or with --out DIR there, together with settings, outputs and status.json.
-    Ctrl-C ends it in order. Exit code 1: a node did not run, or was not anchored, at the end.
+    Ctrl-C ends it in order. Exit code 1: a node did not run, was not heard, or was not anchored, at the end.
     """
     seconds = None if duration is None else seconds_of(duration)
     given = read_any(file)
@@ -79,10 +79,13 @@ def run_command(
         if prepare is not None:
             return _prepared(plan, as_json)
         log = (file.parent if out is None else out) / "run.mcap"
-        live = LiveRun(plan, log_of(plan, log))
+        live = LiveRun(plan, None)
+        live.keep(log_of(plan, log))  # only now: where the links cannot be opened, no log is left behind
         with watched(live, port if watch else None), _shown(live, as_json) as show:
             last = live.follow(seconds, show)
         facts = facts_of(live, last, designed.programs)
+    for name in dict.fromkeys([*facts["dead"], *facts["silent"]]):
+        notice(f"node {name} was not heard at the end; {live.supervisor.reason(name) or 'its process runs'}")
     if live.trouble is not None:
         notice(f"the log ends early: {live.trouble}")
     if as_json:

@@ -232,8 +232,7 @@ class Supervisor:
         return child
 
     def _launch(self, child: _Child) -> None:
-        number = self._everybody().index(child)
-        with (self._plan.folder / "output" / f"process-{number}.txt").open("ab") as output:
+        with self._output(child).open("ab") as output:
             child.process = subprocess.Popen(
                 [sys.executable, "-m", "trigpoint.runtime", *child.arguments],
                 stdin=subprocess.PIPE,
@@ -266,7 +265,23 @@ class Supervisor:
         if child.process.stdin is not None:
             child.process.stdin.close()
         child.spent, child.cpu, child.process = child.spent + child.cpu, 0.0, None
-        self._note(child, f"ended with {_words(child.exit_code)}")
+        said = self._last_words(child) if child.exit_code else ""
+        self._note(child, f"ended with {_words(child.exit_code)}{said}")
+
+    def _output(self, child: _Child) -> Path:
+        return self._plan.folder / "output" / f"process-{self._everybody().index(child)}.txt"
+
+    def _last_words(self, child: _Child) -> str:
+        """The last line that a process that failed had to say, if it said anything."""
+        with self._output(child).open("rb") as output:
+            output.seek(max(0, output.seek(0, os.SEEK_END) - 1000))
+            lines = output.read().decode("utf-8", "replace").splitlines()
+        return f": {lines[-1]}" if lines and child.exit_code == 2 else ""
+
+    def reason(self, name: str) -> str | None:
+        """Why the process of the node ``name`` ended the last time; None where it never did."""
+        label = self._child(name).label
+        return next((text for _, who, text in reversed(self.events) if who == label and text.startswith("ended")), None)
 
     def _note(self, child: _Child, text: str) -> None:
         self.events.append((self._clock.now(), child.label, text))
