@@ -14,7 +14,7 @@ from trigpoint.runtime.plants import LinearPlant, Plant
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
-from trigpoint.runtime.virtual import Down, Mute, Trouble, run_virtual
+from trigpoint.runtime.virtual import SENSOR, Down, Mute, Trouble, run_virtual
 
 __all__ = [
     "FACTS",
@@ -22,6 +22,7 @@ __all__ = [
     "LINK_FIELDS",
     "PAUSE",
     "REASONS",
+    "SENSOR",
     "STATUS_FIELDS",
     "TABLE",
     "BestEffort",
