@@ -238,6 +238,17 @@ def test_clocks_that_differ_are_warned_about_with_the_floor_they_cause() -> None
     assert Bench(MOVING).machine.status.warning is None
 
 
+def test_a_neighbour_whose_clock_is_too_far_off_to_be_heard_is_named() -> None:
+    bench = Bench()
+    bench.machine.act(START)
+    bench.give(bench.frame(time=START - 5.0))
+    bench.give(bench.frame(Kind.PONG, time=START - 5.0, facts=(START, START - 5.0)))
+    assert bench.rejected() == {"window": 1}
+    assert "'0' answers '1', but its estimates are not in time: their clocks differ by 5 s" in str(
+        bench.machine.status.warning
+    )
+
+
 def test_orders_of_the_supervisor_pause_and_go_on() -> None:
     bench = Bench(MOVING, status_every=10.0)
     bench.machine.act(START)
@@ -254,11 +265,19 @@ def test_orders_of_the_supervisor_pause_and_go_on() -> None:
     assert bench.machine.status.missed == 0
 
 
-def test_a_paused_node_says_so() -> None:
+def test_a_paused_node_says_so_and_does_not_claim_an_anchor_for_ever() -> None:
     bench = Bench()
+    for label in LINE.programs[1].reads:
+        bench.give(bench.frame(Kind.READING, SENSOR, facts=(float(label),)))
+    bench.give(bench.frame())
+    bench.machine.latch(START)
+    assert bench.machine.anchored
     bench.give(bench.frame(Kind.CONTROL, "boss"))
     (only,) = bench.machine.act(START)
     assert node_status(decode_frame(only.data), LINE.programs[1].hears).paused
+    for late, anchored in ((0.9, True), (1.1, False)):
+        bench.machine.act(START + late)
+        assert bench.machine.status.anchored is anchored
 
 
 def test_an_estimate_and_a_reading_of_the_past_have_the_innovation_of_their_instant() -> None:

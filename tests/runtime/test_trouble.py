@@ -63,10 +63,10 @@ def test_the_default_converges_and_the_naive_policy_keeps_a_floor() -> None:
     assert found["use"][-1] > 0.8 * found["use"][-11]
 
 
-@pytest.mark.parametrize("late", [0, 1, 3])
+@pytest.mark.parametrize("late", [0, 3])
 def test_the_rate_is_the_predicted_one(late) -> None:
     one = grid()
-    times = np.arange(0.0, 30.0, 0.1)
+    times = np.arange(0.0, 24.0, 0.1)
     run = run_virtual(one.settings(), one.plant(), times, one.network(delay=late * PERIOD))
     assert run.measured_decay_rate() == pytest.approx(slowest(one, late), rel=0.05)
 
@@ -193,7 +193,7 @@ def test_clocks_that_differ_are_measured_and_cause_the_floor_that_is_predicted()
     def watch(now, found) -> None:
         machines.update(found)
 
-    times = np.arange(0.0, 30.0, 0.5)
+    times = np.arange(0.0, 24.0, 0.5)
     trouble = Trouble(offsets={"4": ahead})
     run = run_virtual(one.settings(), one.plant(), times, one.network(delay=DELAY), trouble, watch)
     for name in ("1", "3", "5", "7"):

@@ -107,7 +107,7 @@ class Link:
         )
         self.received += 1
         if self._last is not None and self._last[0] == frame.epoch:
-            self.lost += frame.sequence - self._last[1] - 1
+            self.lost += max(0, frame.sequence - self._last[1] - 1)
         self._last = frame.age_key
         self.happen(Event.ESTIMATE)
 

@@ -70,6 +70,7 @@ class NodeMachine:
         self._acts = self._missed = self._resets = 0
         self._cost, self._innovation = 0.0, 0.0
         self._status_at = self._asked_at = -math.inf
+        self._now = now
         self._adopt(settings)
 
     # -- what can be seen ------------------------------------------------------------------------------------------
@@ -96,7 +97,7 @@ class NodeMachine:
     @property
     def anchored(self) -> bool:
         """Whether it knows of an anchor reading that is at most ``anchor_timeout`` old."""
-        return self._known.anchored(self._state.time, self._settings.anchor_timeout)
+        return self._known.anchored(self._now, self._settings.anchor_timeout)
 
     @property
     def counters(self) -> Counters:
@@ -108,7 +109,7 @@ class NodeMachine:
     def status(self) -> NodeStatus:
         """All that the node says of itself, as of its last act."""
         settings, state, known = self._settings, self._state, self._known
-        timeout, now = settings.anchor_timeout, state.time
+        timeout, now = settings.anchor_timeout, self._now
         anchored = self.anchored
         links = tuple(self._link_status(self._links[name]) for name in settings.program.hears)
         offset = max((abs(link.offset) for link in self._links.values() if link.offset is not None), default=0.0)
@@ -160,6 +161,7 @@ class NodeMachine:
     def act(self, now: float) -> tuple[Outgoing, ...]:
         """Step over the time that has passed, with what was latched; tell the estimate, now and then the status."""
         settings, out = self._settings, []
+        self._now = now
         if not self._paused:
             self._advance(now)
             self._acts += 1
@@ -351,5 +353,5 @@ class NodeMachine:
         return Outgoing(ping_key(settings.network, settings.name, other), encode_frame(self._frame(kind, now, facts)))
 
     def _link_status(self, link: Link) -> LinkStatus:
-        age = None if link.heard is None else link.age(self._state.time)
+        age = None if link.heard is None else link.age(self._now)
         return LinkStatus(link.name, link.state, age, link.received, link.lost, link.round_trip, link.offset)
