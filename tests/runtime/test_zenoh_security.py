@@ -17,6 +17,7 @@ import zenoh
 from tests.runtime import links
 from trigpoint.observers.local import LocalArc, LocalObserver
 from trigpoint.runtime import Identity, NodeSettings, ZenohTransport, guest_rules, make_keys, open_transport
+from trigpoint.runtime.topics import node_key
 from trigpoint.runtime.zenoh_link import session_config
 
 KINDS = ["tls", "quic"]
@@ -56,6 +57,14 @@ def attempt(config: dict[str, Any]) -> None:
     zenoh.open(given).close()
 
 
+def refused(config: dict[str, Any]) -> bool:
+    try:
+        attempt(config)
+    except zenoh.ZError:
+        return True
+    return False
+
+
 def stranger(tmp_path: Path, name: str) -> Identity:
     return make_keys(tmp_path / "theirs", [name])[name]
 
@@ -71,7 +80,7 @@ def test_strangers_get_no_link(kind, tmp_path, capfd) -> None:
     signed_by_themselves = {"connect_certificate": theirs.certificate, "connect_private_key": theirs.key}
     a = node_a(where)
     try:
-        attempt(good)
+        assert links.until(lambda: not refused(good))
         for spoiled in ({**without, "enable_mtls": False}, {**tls, **signed_by_themselves}):
             with pytest.raises(zenoh.ZError):
                 attempt({**good, "transport/link/tls": spoiled})
@@ -115,6 +124,25 @@ def test_a_certificate_speaks_for_its_own_node_only(kind) -> None:
 
         assert links.until(lambda: len(heard) >= 20, act=speak)
         assert set(heard) == {(f"{NODE}/b/estimate", b"own")}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_any_text_is_a_name(kind, tmp_path) -> None:
+    """Names are written so that they fit keys and certificates alike."""
+    odd, other = "Nord 3/ü*", "$#?&*"
+    made = make_keys(tmp_path / "keys", [odd, other])
+    where = links.address(kind)
+    program = LocalObserver(odd, ONE, None, (LocalArc(0, other, 1.0, ONE, ONE, ONE),))
+    a = open_transport(NodeSettings("my net/1", program, 0.1, listen=where, identity=made[odd]))
+    b = ZenohTransport("", [where], identity=made[other])
+    try:
+        keys = [node_key("my net/1", name, "estimate") for name in (odd, other)]
+        at_a, at_b = links.listen(a, keys[1]), links.listen(b, keys[0])
+        assert links.until(lambda: at_a and at_b, act=lambda: (a.publish(keys[0], b"1"), b.publish(keys[1], b"2")))
+        assert set(at_a) == {(keys[1], b"2")}
+    finally:
+        b.close()
+        a.close()
 
 
 @pytest.mark.parametrize("kind", KINDS)

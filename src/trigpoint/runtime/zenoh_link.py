@@ -8,6 +8,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from trigpoint.runtime.access import AccessRules, node_rules
 from trigpoint.runtime.endpoints import Address, parse_address
 from trigpoint.runtime.settings import Identity, NodeSettings
 from trigpoint.runtime.topics import node_key
-from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
+from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink
 
 Presence = Callable[[str, bool], None]
 """Called with the key of a token, and whether it appeared or is gone; from any thread; returns at once."""
@@ -78,6 +79,20 @@ def session_config(
     return config
 
 
+@dataclass(eq=False)
+class _Gate:
+    """Whether frames pass. One at a time is handed over, under the lock."""
+
+    open: bool = True
+    lock: threading.RLock = field(default_factory=threading.RLock)
+
+
+def _shut(gate: _Gate, session: Any) -> None:
+    with gate.lock:
+        gate.open = False
+    session.close()
+
+
 class ZenohTransport:
     """Links over Zenoh; satisfies ``Transport``.
 
@@ -110,14 +125,13 @@ class ZenohTransport:
         config = self._zenoh.Config()
         for path, value in settings.items():
             config.insert_json5(path, json.dumps(value))
-        self._open = True
-        self._handing = threading.RLock()
+        self._gate = _Gate()
         self._publishers: dict[str, Any] = {}
         self._held: list[Any] = []
         self._announced: set[str] = set()
         self._session = self._opened(config, listen, connect)
         # An interpreter that ends while frames still arrive would wait for ever: the session ends first, at exit, too.
-        self._end = weakref.finalize(self, self._session.close)
+        self._end = weakref.finalize(self, _shut, self._gate, self._session)
 
     @property
     def delivery(self) -> Delivery:
@@ -128,7 +142,7 @@ class ZenohTransport:
     @property
     def linked(self) -> int:
         """Number of others that are linked at this moment."""
-        return len(self._session.info.peers_zid()) if self._open else 0
+        return len(self._session.info.peers_zid()) if self._gate.open else 0
 
     def publish(self, key: str, data: bytes) -> None:
         """Send ``data`` to all linked subscribers of ``key``; nobody hears it once the transport is closed.
@@ -141,16 +155,16 @@ class ZenohTransport:
         """
         if len(data) > LONGEST_MESSAGE:
             raise ArgumentError(f"a message has at most {LONGEST_MESSAGE} bytes; got {len(data)} for {key!r}")
-        if not self._open:
+        if not self._gate.open:
             return
-        publisher = self._publishers.get(key)
-        if publisher is None:
-            publisher = self._publishers.setdefault(key, self._declare(key))
         try:
+            publisher = self._publishers.get(key)
+            if publisher is None:
+                publisher = self._publishers.setdefault(key, self._publisher(key))
             publisher.put(data)
-        except self._zenoh.ZError:
-            if self._open:  # else closed by another thread meanwhile
-                raise
+        except self._zenoh.ZError as error:
+            if self._gate.open:  # else closed by another thread meanwhile
+                raise ArgumentError(f"cannot publish under {key!r}: {_plain(str(error))}") from error
 
     def subscribe(self, pattern: str, sink: Sink) -> None:
         """Hand to ``sink`` the key and the bytes of what others publish under ``pattern``; never the own frames.
@@ -162,8 +176,8 @@ class ZenohTransport:
 
         def hand_over(sample: Any) -> None:
             if sample.kind == put:
-                with self._handing:
-                    if self._open:
+                with self._gate.lock:
+                    if self._gate.open:
                         sink(str(sample.key_expr), sample.payload.to_bytes())
 
         self._hold(pattern, lambda: self._session.declare_subscriber(
@@ -191,9 +205,9 @@ class ZenohTransport:
         put = self._zenoh.SampleKind.PUT
 
         def tell(sample: Any) -> None:
-            with self._handing:
+            with self._gate.lock:
                 key = str(sample.key_expr)
-                if self._open and key not in self._announced:
+                if self._gate.open and key not in self._announced:
                     present(key, sample.kind == put)
 
         self._hold(
@@ -205,10 +219,6 @@ class ZenohTransport:
 
         An attempt to connect that is under way is waited for, 1 s at most. Not to be called from a sink.
         """
-        with self._handing:
-            if not self._open:
-                return
-            self._open = False
         self._end()
         self._held.clear()
         self._publishers.clear()
@@ -234,22 +244,19 @@ class ZenohTransport:
         except self._zenoh.ZError as error:
             raise ArgumentError(f"{pattern!r} is no key or pattern: {_plain(str(error))}") from error
 
-    def _declare(self, key: str) -> Any:
+    def _publisher(self, key: str) -> Any:
         reliable = isinstance(self.delivery, Reliable)
         congestion, reliability = self._zenoh.CongestionControl, self._zenoh.Reliability
-        try:
-            return self._session.declare_publisher(
-                key,
-                congestion_control=congestion.BLOCK if reliable else congestion.DROP,
-                reliability=reliability.RELIABLE if reliable else reliability.BEST_EFFORT,
-                express=True,
-                allowed_destination=self._zenoh.Locality.REMOTE,
-            )
-        except self._zenoh.ZError as error:
-            raise ArgumentError(f"{key!r} is no key: {_plain(str(error))}") from error
+        return self._session.declare_publisher(
+            key,
+            congestion_control=congestion.BLOCK if reliable else congestion.DROP,
+            reliability=reliability.RELIABLE if reliable else reliability.BEST_EFFORT,
+            express=True,
+            allowed_destination=self._zenoh.Locality.REMOTE,
+        )
 
 
-def open_transport(settings: NodeSettings) -> Transport:
+def open_transport(settings: NodeSettings) -> ZenohTransport:
     """The transport of one node: its addresses, certificates and, where it has some, the rules of ``node_rules``.
 
     Args:
