@@ -238,6 +238,17 @@ def test_clocks_that_differ_are_warned_about_with_the_floor_they_cause() -> None
     assert Bench(MOVING).machine.status.warning is None
 
 
+def test_a_neighbour_whose_clock_is_too_far_off_to_be_heard_is_named() -> None:
+    bench = Bench()
+    bench.machine.act(START)
+    bench.give(bench.frame(time=START - 5.0))
+    bench.give(bench.frame(Kind.PONG, time=START - 5.0, facts=(START, START - 5.0)))
+    assert bench.rejected() == {"window": 1}
+    assert "'0' answers '1', but its estimates are not in time: their clocks differ by 5 s" in str(
+        bench.machine.status.warning
+    )
+
+
 def test_orders_of_the_supervisor_pause_and_go_on() -> None:
     bench = Bench(MOVING, status_every=10.0)
     bench.machine.act(START)

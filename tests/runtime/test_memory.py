@@ -76,6 +76,16 @@ def test_calm_senders_are_never_late_or_lost() -> None:
     for _ in range(50):
         network.transport("a").publish("x", b"")
     assert len(found) == 50
+    both: list[bytes] = []
+    end = network.transport("b")
+    for pattern in ("x", "*"):
+        end.subscribe(pattern, lambda _, data: both.append(data))
+    network.transport("a").publish("x", b"")
+    assert len(both) == 2
+    end.subscribe_anew(["y"], lambda _, data: both.append(data))
+    network.transport("a").publish("x", b"")
+    network.transport("a").publish("y", b"")
+    assert len(both) == 3
 
 
 def test_a_partition_loses_what_is_sent_between_its_halves_and_nothing_else() -> None:

@@ -22,7 +22,7 @@ from trigpoint.runtime.sensors import Pace, Reading, ReadingPublisher, publish_m
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
-from trigpoint.runtime.virtual import Down, Mute, Trouble, run_virtual
+from trigpoint.runtime.virtual import SENSOR, Down, Mute, Trouble, run_virtual
 from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
 
 __all__ = [
@@ -34,6 +34,7 @@ __all__ = [
     "PAUSE",
     "REASONS",
     "ROLES",
+    "SENSOR",
     "STATUS_FIELDS",
     "TABLE",
     "Access",

@@ -62,6 +62,8 @@ class MemoryNetwork:
         self._rng = np.random.default_rng(seed)
         self._calm = frozenset(calm)
         self._ends: dict[str, list[MemoryTransport]] = {}
+        self._linked = {sender: frozenset(names) for sender, names in self._receivers.items()}
+        self._listening: dict[str, list[MemoryTransport]] = {}
         self._cuts: list[Cut] = []
         self._way: list[_Parcel] = []
         self._count = 0
@@ -105,6 +107,12 @@ class MemoryNetwork:
 
     def send(self, sender: str, key: str, data: bytes) -> None:
         """Put a frame of ``sender`` on its links: ``key`` and ``data``; ends call it."""
+        if sender in self._calm:
+            linked = self._linked.get(sender, frozenset())
+            for end in dict.fromkeys((*self._listening.get(key, ()), *self._listening.get("", ()))):
+                if end.name in linked:
+                    end.take(key, data)
+            return
         ready = []
         with self._lock:
             for receiver in self._receivers.get(sender, ()):
@@ -123,15 +131,27 @@ class MemoryNetwork:
 
     def forget(self, end: MemoryTransport) -> None:
         """Take an ``end`` away that was closed."""
+        self.unlisten(end)
         with self._lock:
             ends = self._ends.get(end.name, [])
             if end in ends:
                 ends.remove(end)
 
+    def listen(self, end: MemoryTransport, key: str) -> None:
+        """Note that an ``end`` listens to this ``key``, or, where it is empty, to patterns: once each."""
+        with self._lock:
+            ends = self._listening.setdefault(key, [])
+            if end not in ends:
+                self._listening[key] = [*ends, end]
+
+    def unlisten(self, end: MemoryTransport) -> None:
+        """Note that an ``end`` listens to nothing any more."""
+        with self._lock:
+            for key in end.keys:
+                self._listening[key] = [one for one in self._listening.get(key, ()) if one is not end]
+
     def _late(self, sender: str, receiver: str) -> float | None:
         """Seconds on the way, or None for never; chances are drawn whether the link is cut or not."""
-        if sender in self._calm:
-            return 0.0
         chance = float(self._rng.random()) if self._loss else 1.0
         late = self._delay + (self._jitter * float(self._rng.random()) if self._jitter else 0.0)
         gone = chance < self._loss or any(
@@ -166,6 +186,11 @@ class MemoryTransport:
         self._open = True
 
     @property
+    def keys(self) -> tuple[str, ...]:
+        """What it listens to, as the network keeps it: keys, and an empty one for all patterns."""
+        return (*self._exact, "")
+
+    @property
     def delivery(self) -> Delivery:
         """As the network's."""
         return self._network.delivery
@@ -180,11 +205,14 @@ class MemoryTransport:
         parts = tuple(pattern.split("/"))
         if "*" in parts or "**" in parts:
             self._wild.append((parts, sink))
+            self._network.listen(self, "")
         else:
             self._exact.setdefault(pattern, []).append(sink)
+            self._network.listen(self, pattern)
 
     def subscribe_anew(self, patterns: Iterable[str], sink: Sink) -> None:
         """Hand to ``sink`` what fits one of the ``patterns``, and nothing else any more."""
+        self._network.unlisten(self)
         self._exact.clear()
         self._wild.clear()
         for pattern in patterns:

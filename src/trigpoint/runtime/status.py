@@ -23,6 +23,9 @@ LINK_FIELDS: tuple[str, ...] = ("state", "age", "received", "lost", "round_trip"
 FLOOR_SHARE = 0.01
 """A clock offset whose predicted error floor exceeds this share of the estimate is warned about."""
 
+CLOCKS_APART = 0.05
+"""Seconds of offset from which on a neighbour that answers but is not LIVE is put down to the clocks."""
+
 
 @dataclass(frozen=True)
 class LinkStatus:
@@ -66,7 +69,7 @@ class NodeStatus:
         innovation: Euclidean norm of all innovations at work.
         clock_offset: the largest offset of a neighbour's clock, in size [s].
         floor: error floor that this offset causes by itself, ``|offset| |A z|``.
-        magnitude: |z|.
+        magnitude: Euclidean norm of z.
         counters: frames accepted and dropped.
         links: one for each neighbour that is heard.
     """
@@ -93,6 +96,12 @@ class NodeStatus:
     @property
     def warning(self) -> str | None:
         """What somebody should look at, or None."""
+        for link in self.links:
+            if link.state is not State.LIVE and link.offset is not None and abs(link.offset) > CLOCKS_APART:
+                return (
+                    f"{link.neighbour!r} answers {self.name!r}, but its estimates are not in time: their clocks differ "
+                    f"by {abs(link.offset):.3g} s; synchronize the clocks"
+                )
         if self.floor > FLOOR_SHARE * self.magnitude:
             return (
                 f"the clocks of {self.name!r} and a neighbour differ by {self.clock_offset:.3g} s: expect an error of "
