@@ -26,7 +26,7 @@ LINK = dict(zip(LINK_FIELDS, [2, 0.01, 95, 5, 0.002, -0.004], strict=True))
 
 def logged(path: Path, names: tuple[str, ...] = ("a", "b"), with_truth: bool = True, rounds: int = 60) -> Path:
     """The first node is silent for a while and comes back as a new process; the others go on."""
-    attributes = {"guaranteed_rate": 0.5, "note": HOSTILE, "hears": {name: ["x"] for name in names}}
+    attributes = {"guaranteed_rate": 0.5, "note": HOSTILE, "hears": {name: ["x"] for name in names[:1]}}
     with LogWriter(path, network="net", names=names, attributes=attributes) as log:
         for k in range(rounds):
             now = START + 0.1 * k
@@ -64,6 +64,7 @@ def test_the_page_tells_what_the_log_tells(tmp_path: Path) -> None:
     assert summary["guaranteed_rate"] == 0.5
     links = section(page, "Links")[1][0].rows
     assert links[0] == ("a", "x", "live", 95, 5, "2", "\u22124")
+    assert links[1][:2] == ("b", "#1")  # nobody told the name
     assert section(page, "Links")[0].count("synchronize the clocks") == 2
     events = section(page, "Events")[1][0].rows
     assert [(row[0], row[1]) for row in events] == [("2", "a"), ("4", "a")]

@@ -36,9 +36,9 @@ def moving(path: Path, period: float = 0.05, seconds: float = 6.0, rate: float =
 def test_the_error_of_moving_agents_is_their_own(tmp_path: Path) -> None:
     """Holding the last estimate would show up to ``period |A x|`` = 0.05; the cubic's rest is of order period^3."""
     run = read_run(moving(tmp_path / "run.mcap"))
-    t = run.times[1:-1]
+    t = run.times[1:-1] + 0.05  # the first instant of the plant was before the first estimate
     expected = np.exp(-0.8 * t)[:, None, None] * np.array([1.0, 0.5])
-    assert run.status[1:].tolist() == [["anchored"] * 2] * (t.shape[0] + 1)
+    assert run.status.tolist() == [["anchored"] * 2] * (t.shape[0] + 2)
     np.testing.assert_allclose(run.error[1:-1], np.broadcast_to(expected, run.error[1:-1].shape), atol=2e-4)
     assert run.measured_decay_rate() == pytest.approx(0.8, rel=0.01)
     held = np.abs(run.truth[1:] - run.truth[:-1]).max()
@@ -47,13 +47,35 @@ def test_the_error_of_moving_agents_is_their_own(tmp_path: Path) -> None:
 
 def test_the_tables_have_the_truths_instants(tmp_path: Path) -> None:
     run = read_run(moving(tmp_path / "run.mcap"))
-    np.testing.assert_allclose(run.times, 0.05 * np.arange(120), atol=1e-6)
-    np.testing.assert_allclose(run.truth[:, 0], circle(START + run.times), atol=1e-6)
+    np.testing.assert_allclose(run.times, 0.05 * np.arange(119), atol=1e-6)
+    np.testing.assert_allclose(run.truth[:, 0], circle(START + 0.05 + run.times), atol=1e-6)
     assert (run.path, run.names, run.attributes["network"]) == ("live", ("a", "b"), "n")
-    assert run.attributes["start"] == START
-    assert run.status[0].tolist() == ["away", "away"]  # nobody has spoken yet
-    assert np.isnan(run.estimate[0]).all()
+    assert run.attributes["start"] == START + 0.05  # nobody had spoken at the instant before
     assert run.messages[-1].tolist() == [119, 119]
+
+
+def test_the_end_is_when_the_first_of_those_that_are_left_falls_silent(tmp_path: Path) -> None:
+    """Nodes are stopped one by one while the plant goes on; one was lost long before."""
+    path = tmp_path / "run.mcap"
+    with LogWriter(path, network="n", names=["lost", "early", "late"], attributes={}) as log:
+        for k in range(50):
+            now = START + 0.1 * k
+            for name, until in (("lost", 10), ("early", 30), ("late", 33)):
+                log.write(truth(name, k, now, [1.0]), now)
+                if 5 <= k <= until:
+                    log.write(estimate(name, k, now, [2.0]), now)
+    run = read_run(path)
+    assert run.times.shape == (26,)
+    assert run.error_norm[[0, -1]].tolist() == [np.sqrt(3.0), np.sqrt(2.0)]
+    assert run.status[-1].tolist() == ["away", "relative", "relative"]
+
+
+def test_a_truth_that_ended_before_the_first_estimate_is_shown_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with LogWriter(path, network="n", names=["a"], attributes={}) as log:
+        log.write(truth("a", 0, START, [1.0]), START)
+        log.write(estimate("a", 0, START + 1.0, [1.0]), START)
+    assert read_run(path).status.tolist() == [["away"]]
 
 
 def test_estimates_at_the_truths_instants_come_back_as_they_are(tmp_path: Path) -> None:

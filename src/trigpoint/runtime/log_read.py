@@ -102,7 +102,7 @@ class Log:
     def status(self, name: str) -> NodeStatus | None:
         """The last status of the node ``name``; None where it sent none, or one that means nothing.
 
-        Its neighbours have the names that the log's attribute ``hears`` gives, else numbers from 1.
+        Its neighbours have the names that the log's attribute ``hears`` gives, else #1, #2, ...
         """
         series = self.statuses.get(name)
         if series is None:
@@ -110,7 +110,7 @@ class Log:
         values = series.row(len(series) - 1)
         count = (values.shape[0] - len(STATUS_FIELDS)) // len(LINK_FIELDS)
         hears = heard_by(self.attributes).get(name, [])
-        hears = hears if len(hears) == count else [str(k + 1) for k in range(count)]
+        hears = hears if len(hears) == count else [f"#{k + 1}" for k in range(count)]
         frame = Frame(Kind.STATUS, name, 0, 0, float(series.times[-1]), (), values)
         try:
             return node_status(frame, hears)

@@ -33,7 +33,8 @@ def read_run(path: str | Path, *, times: ArrayLike | None = None, away_after: fl
 def run_of(log: Log, *, times: ArrayLike | None = None, away_after: float | None = None) -> Run:
     """The tables of a ``log`` on one grid of instants, time 0 being the first of them.
 
-    The grid are the instants of the truth, or, without a truth, as many instants as a node has estimates, evenly. An
+    The grid are the instants of the truth, or, without a truth, as many instants as a node has estimates, evenly: from
+    the first estimate to the last instant before the nodes that are there at the end fall silent, one by one. An
     estimate between two of one process is interpolated by the cubic through both with the slopes of their neighbours,
     since holding the earlier one would show an error of age times ``||A z||`` that the node does not have; where the
     next is missing, the last is held. Truth is taken where it was published, and is NaN elsewhere.
@@ -123,14 +124,18 @@ def _given(times: ArrayLike) -> FloatArray:
 
 
 def _grid(log: Log, heard: dict[str, Series], room: int) -> FloatArray:
+    """Instants from the first estimate to the end, when nodes that were still there begin to fall silent."""
+    first = min(series.times[0] for series in heard.values())
+    last = max(series.times[-1] for series in heard.values())
+    end = min(series.times[-1] for series in heard.values() if last - series.times[-1] <= _silence(series))
     truths = [log.truths[name].times for name in log.names if name in log.truths]
     if truths:
         grid = np.unique(np.concatenate(truths))
+        within = grid[(grid >= first) & (grid <= end)]
+        grid = within if within.size else grid
         return grid[:: -(-grid.shape[0] // room)]
-    first = min(series.times[0] for series in heard.values())
-    last = max(series.times[-1] for series in heard.values())
     count = max(len(series) for series in heard.values())
-    return np.unique(np.linspace(first, last, min(room, count)))
+    return np.unique(np.linspace(first, end, min(room, count)))
 
 
 def _exact(series: Series, grid: FloatArray) -> FloatArray:
