@@ -30,7 +30,7 @@ NODE_PACKAGES = {
     "trigpoint.observers.acceleration": {"numpy"},
     "trigpoint.observers.node_file": {"numpy"},
     "trigpoint.observers.run": {"numpy", "xarray"},  # xarray only inside Run.dataset
-    "trigpoint.runtime": {"numpy", "zenoh", "mcap", "zstandard", "lz4"},
+    "trigpoint.runtime": {"numpy", "zenoh", "mcap", "zstandard", "lz4", "cryptography", "psutil"},
 }
 
 

@@ -11,6 +11,7 @@ from trigpoint.cli.check import check
 from trigpoint.cli.demo import demo
 from trigpoint.cli.designing import certify_command, design_command, verify_command
 from trigpoint.cli.estimating import estimate_command
+from trigpoint.cli.keys import keys_command
 from trigpoint.cli.others import convert, report, reproduce_command
 from trigpoint.cli.running import node_command, run_command
 from trigpoint.cli.simulating import simulate_command
@@ -49,6 +50,7 @@ for _name, _command in (
     ("simulate", simulate_command),
     ("run", run_command),
     ("node", node_command),
+    ("keys", keys_command),
     ("convert", convert),
     ("report", report),
     ("watch", watch),

@@ -176,6 +176,7 @@ def _common(design: Design, section: RunSection, period: float) -> NodeSettings:
         window=section.window or 1.0,
         anchor_timeout=section.anchor_timeout or anchor_timeout(len(observer.nodes), period, stale),
         coverage="every" if everywhere else "nominal",
+        status_every=max(0.25, len(observer.nodes) / 400.0),
         rate_limit=max(1000.0, 10.0 * (busiest + 4) / period),
         decay_rate=max(0.0, float(observer.decay_rate)),
     )

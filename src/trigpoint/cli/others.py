@@ -14,7 +14,8 @@ from trigpoint.errors import FileFormatError
 from trigpoint.io import ScenarioFile, load, save, write_atomically
 from trigpoint.observers.run import Run
 from trigpoint.papers import EXPERIMENTS, reproduce
-from trigpoint.report import render, run_page
+from trigpoint.report import live_page, render, run_page
+from trigpoint.runtime import read_log, read_run, run_of
 
 
 @guarded
@@ -23,8 +24,11 @@ def convert(
     target: Annotated[Path, typer.Argument(help="File to write; its ending names the format.")],
     as_json: Json = False,
 ) -> int:
-    """Read a network in one format and write it in another (.csv, .tsv, .gkf, .graphml, .json)."""
-    loaded = load(source)
+    """Read a network in one format and write it in another (.csv, .tsv, .gkf, .graphml, .json).
+
+    The log of a live run (.mcap) is written as a recorded run (.npz, .nc, .zarr).
+    """
+    loaded = read_run(source) if _is_log(source) else load(source)
     if isinstance(loaded, ScenarioFile):
         if loaded.network is None:
             raise FileFormatError(source, "states a [plant], which is no network to convert")
@@ -64,16 +68,20 @@ def reproduce_command(
 
 @guarded
 def report(
-    file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz).")],
+    file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz), or the log of a live run (.mcap).")],
     out: Out = None,
     as_json: Json = False,
 ) -> int:
-    """Write the report of a recorded run: one HTML file, beside the run unless --out names another place."""
+    """Write the report of a run: one HTML file, beside the run unless --out names another place."""
     ending(out, ".html")
-    run = _run(file)
+    if _is_log(file):
+        log = read_log(file)
+        page = live_page(log, run_of(log), title=f"Run {file.name}")
+    else:
+        run = _run(file)
+        rate = run.attributes.get("guaranteed_rate")
+        page = run_page(run, title=f"Run {file.name}", rate=rate if isinstance(rate, float) and rate > 0 else None)
     target = file.with_suffix(".html") if out is None else out
-    rate = run.attributes.get("guaranteed_rate")
-    page = run_page(run, title=f"Run {file.name}", rate=rate if isinstance(rate, float) and rate > 0 else None)
     write_atomically(target, render(page))
     if as_json:
         emit({"report": str(target)})
@@ -82,8 +90,12 @@ def report(
     return HOLDS
 
 
+def _is_log(path: Path) -> bool:
+    return path.suffix.lower() == ".mcap"
+
+
 def _run(path: Path) -> Run:
-    run = load(path)
+    run = read_run(path) if _is_log(path) else load(path)
     if not isinstance(run, Run):
         raise FileFormatError(path, f"holds {kind_of(run)}; expected a recorded run (.npz written by simulate)")
     return run

@@ -75,7 +75,8 @@ class Run:
 
         NaN at a sample where the truth of a node that is not away is unknown.
         """
-        norm: FloatArray = np.sqrt((self._present_error**2).sum(axis=(1, 2)))
+        with np.errstate(over="ignore"):  # a run that diverged has an infinite norm
+            norm: FloatArray = np.sqrt((self._present_error**2).sum(axis=(1, 2)))
         return norm
 
     @property

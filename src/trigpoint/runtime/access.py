@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from trigpoint.errors import ArgumentError
+from trigpoint.runtime.routes import neighbours
 from trigpoint.runtime.settings import NodeSettings
 from trigpoint.runtime.topics import ROOT, everything, node_key, reading_key, written
 
@@ -87,10 +88,9 @@ def node_rules(settings: NodeSettings) -> AccessRules:
     """
     network, name = settings.network, settings.name
     own = (node_key(network, name, "**"),)
-    neighbours = dict.fromkeys([*settings.program.hears, *settings.peers])
     others = {
         written(other): Access(says=(node_key(network, other, "**"),), hears=own)
-        for other in neighbours
+        for other in neighbours(settings)
         if other not in settings.guests and other != name
     }
     for guest, role in settings.guests.items():

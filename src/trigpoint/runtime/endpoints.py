@@ -133,6 +133,6 @@ def _socket_file(text: str, path: str) -> Address:
     if length > LONGEST_SOCKET_PATH:
         raise ArgumentError(
             f"the path of the socket {path} has {length} bytes; systems allow about {LONGEST_SOCKET_PATH}."
-            " Use a shorter folder, for instance one below /tmp"
+            " Use a folder with a shorter name"
         )
     return Address("unixsock-stream", path=path)

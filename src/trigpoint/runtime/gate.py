@@ -14,6 +14,9 @@ LARGEST_VALUE = 1e100
 """Numbers beyond it are refused as malformed: nothing that is estimated is that large, and sums must not overflow."""
 
 
+_LARGEST_TIME = 1e12
+
+
 @dataclass(frozen=True)
 class Counters:
     """Frames so far.
@@ -115,9 +118,11 @@ class Route:
         sized = frame.kind in (Kind.ESTIMATE, Kind.READING)
         if frame.values.shape[0] != (self.size if sized else 0):
             return "size"
-        if sized and frame.values.size and float(abs(frame.values).max()) > LARGEST_VALUE:
+        if sized and max(map(abs, frame.values.tolist()), default=0.0) > LARGEST_VALUE:
             return "malformed"
         if frame.kind is Kind.ESTIMATE and not _sensible(frame.facts):
+            return "malformed"
+        if frame.kind in (Kind.PING, Kind.PONG) and max(map(abs, (frame.time, *frame.facts))) > _LARGEST_TIME:
             return "malformed"
         if frame.kind is Kind.READING and frame.facts[0] != self.label:
             return "unknown"

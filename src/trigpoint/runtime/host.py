@@ -8,13 +8,14 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from trigpoint.errors import TrigpointError
 from trigpoint.runtime.clock import Clock
 from trigpoint.runtime.endings import Order, listen_for_orders
 from trigpoint.runtime.machine import NodeMachine, Outgoing
 from trigpoint.runtime.settings import NodeSettings
+from trigpoint.runtime.topics import node_key
 from trigpoint.runtime.transport import Sink, Transport
 
 WAITING = 16384
@@ -52,6 +53,8 @@ class Host:
     it, however late the processor comes to it. A deadline that is late by a whole period or more is missed: it is
     left out, counted, and the next step is longer.
 
+    Nodes of one process hand frames to each other directly, at the same subscriptions; between them there is no link.
+
     Args:
         members: the nodes.
         clock: the process's clock.
@@ -64,6 +67,7 @@ class Host:
         self._next: deque[_Arrival] = deque()
         self._agenda: list[tuple[float, int]] = []
         self._transports: list[Transport] = []
+        self._inside: dict[str, list[int]] = {}
         self.dropped = 0
 
     def tell(self, order: Order) -> None:
@@ -82,7 +86,8 @@ class Host:
 
     def start(self) -> None:
         """Open the links, say hello, and set the first deadlines."""
-        self._transports = [member.links(member.machine.settings) for member in self._members]
+        self._transports = [member.links(self._outward(member.machine.settings)) for member in self._members]
+        self._map_inside()
         for number, member in enumerate(self._members):
             self._subscribe(number, member.machine.subscriptions())
         now = self._clock.now()
@@ -152,20 +157,39 @@ class Host:
 
         return sink
 
+    def _outward(self, settings: NodeSettings) -> NodeSettings:
+        """The settings without the addresses of those who live in this process."""
+        here = {member.machine.settings.name for member in self._members}
+        return replace(settings, peers={name: where for name, where in settings.peers.items() if name not in here})
+
+    def _map_inside(self) -> None:
+        """Who in this process listens to which key that another one here publishes."""
+        own = tuple(node_key(m.machine.settings.network, m.machine.settings.name, "") for m in self._members)
+        self._inside = {}
+        for number, member in enumerate(self._members):
+            for key in member.machine.subscriptions():
+                if key.startswith(own):
+                    self._inside.setdefault(key, []).append(number)
+
     def _drop_oldest(self) -> None:
+        """Make room for one frame; orders are never dropped, they go to the end."""
+        orders = []
         try:
-            oldest = self._mail.get_nowait()
-        except queue.Empty:
-            return
-        if isinstance(oldest, Order):
-            self._mail.put(oldest)
-        else:
+            while isinstance(oldest := self._mail.get_nowait(), Order):
+                orders.append(oldest)
             self.dropped += 1
+        except queue.Empty:  # the loop has taken everything meanwhile
+            pass
+        for order in orders:
+            self._mail.put(order)
 
     def _send(self, number: int, outgoing: Sequence[Outgoing]) -> None:
         publish = self._transports[number].publish
         for one in outgoing:
             publish(one.key, one.data)
+            for other in self._inside.get(one.key, ()):
+                if other != number:
+                    self._mail.put(_Arrival(self._clock.now(), other, one.key, one.data))
 
     def _reload(self) -> None:
         for number, member in enumerate(self._members):
@@ -181,11 +205,12 @@ class Host:
         member = self._members[number]
         old, listening = member.machine.settings, set(member.machine.subscriptions())
         member.machine.reload(settings, self._clock.now())
+        self._map_inside()
         if _links_of(old) == _links_of(settings):
             self._subscribe(number, set(member.machine.subscriptions()) - listening)
             return
         self._transports[number].close()
-        self._transports[number] = member.links(settings)
+        self._transports[number] = member.links(self._outward(settings))
         self._subscribe(number, member.machine.subscriptions())
 
     def _subscribe(self, number: int, patterns: Iterable[str]) -> None:

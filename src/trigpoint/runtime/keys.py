@@ -17,6 +17,9 @@ from trigpoint.runtime.topics import written
 AUTHORITY = "authority"
 """Name of the authority's two files; no node and no guest may be called so."""
 
+GUESTS: Mapping[str, str] = {"plant": "sensor", "monitor": "monitor", "supervisor": "supervisor"}
+"""Guests of a network that ``trigpoint run`` starts: the simulated plant, the log and the page, the supervisor."""
+
 _LONGEST_COMMON_NAME = 64  # X.509 allows no more
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 

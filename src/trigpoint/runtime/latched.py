@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from trigpoint.arrays import FloatArray, propagate
-from trigpoint.observers.local import LocalArc, LocalState, Message
+from trigpoint.observers.local import LocalArc, LocalObserver, LocalState, Message
 from trigpoint.runtime.knowledge import Hearsay, Pull
 from trigpoint.runtime.links import Heard
 from trigpoint.runtime.settings import NodeSettings
@@ -45,7 +45,11 @@ NOTHING = Latched({}, {})
 
 
 def latched(
-    settings: NodeSettings, state: LocalState, heard: Mapping[str, Heard], readings: Mapping[int, Reading]
+    settings: NodeSettings,
+    rates: Sequence[float],
+    state: LocalState,
+    heard: Mapping[str, Heard],
+    readings: Mapping[int, Reading],
 ) -> Latched:
     """What a node with these ``settings`` makes of what is fresh.
 
@@ -58,6 +62,7 @@ def latched(
 
     Args:
         settings: of the node.
+        rates: ``pull_rates`` of its arcs.
         state: its state z; everything is brought to the state's time.
         heard: the last estimate of each neighbour, those that are fresh.
         readings: the last reading of each arc, those that are fresh.
@@ -70,7 +75,8 @@ def latched(
     taken = {label: reading.value for label, reading in readings.items()}
     pulls, told, missing = [], {}, []
     own = 0.0
-    for arc in settings.program.arcs:
+    back: dict[float, FloatArray] = {}
+    for arc, rate in zip(settings.program.arcs, rates, strict=True):
         others = [name for name, _ in arc.heard]
         lacking = [name for name in others if name not in heard]
         if lacking or (arc.label is not None and arc.label not in readings):
@@ -79,11 +85,11 @@ def latched(
         doubt = sum(heard[name].uncertainty for name in others)
         if arc.label is not None:
             reading = readings[arc.label]
-            taken[arc.label] = _then(settings, arc, reading, state, inbox)
+            taken[arc.label] = _then(settings, arc, reading, state, inbox, back)
             doubt += settings.deviations.get(arc.label, 0.0)
             if not others:
                 own = max(own, min(reading.time, state.time))
-        pulls.append(Pull(_rate(arc), doubt))
+        pulls.append(Pull(rate, doubt))
         for name in others:
             told[name] = Hearsay(heard[name].hops, heard[name].evidence, heard[name].broken)
     return Latched(inbox, taken, tuple(pulls), tuple(told.values()), own, tuple(missing))
@@ -100,25 +106,33 @@ def _now(settings: NodeSettings, name: str, said: Heard, time: float) -> Message
 
 
 def _then(
-    settings: NodeSettings, arc: LocalArc, reading: Reading, state: LocalState, inbox: Mapping[str, Message]
+    settings: NodeSettings,
+    arc: LocalArc,
+    reading: Reading,
+    state: LocalState,
+    inbox: Mapping[str, Message],
+    back: dict[float, FloatArray],
 ) -> FloatArray:
-    """The reading that has, at the state's time, the innovation that the arc had at the reading's."""
+    """The reading that has, at the state's time, the innovation that the arc had at the reading's.
+
+    ``back`` keeps the own way back by age: readings often share their instant.
+    """
     age, program = state.time - reading.time, settings.program
     if settings.old == "use" or age <= 0.0 or program.exchange == "discrete":
         return reading.value
-    known = settings.input is not None and program.B is not None
-    drive = program.B @ settings.input if known else None  # type: ignore[operator] # both are there
-    shift = -(arc.output @ _way_back(program.A, state.estimate, age, drive))
+    if age not in back:
+        drive = None if settings.input is None or program.B is None else program.B @ settings.input
+        back[age] = _way_back(program.A, state.estimate, age, drive)
+    shift = -(arc.output @ back[age])
     for name, rows in arc.heard:
-        back = _way_back(_model(settings, name), inbox[name].estimate, age, settings.drives.get(name))
-        shift = shift + rows @ back
+        shift = shift + rows @ _way_back(_model(settings, name), inbox[name].estimate, age, settings.drives.get(name))
     moved: FloatArray = reading.value + arc.sign * shift
     return moved
 
 
 def _way_back(A: FloatArray, value: FloatArray, age: float, drive: FloatArray | None) -> FloatArray:
     """``(e^{-A age} - I) z``, with a known input less what it has brought: from now to then."""
-    then: FloatArray = propagate(-A, value, age, None if drive is None else -drive) - value
+    then: FloatArray = propagate(A, value, -age, drive) - value
     return then
 
 
@@ -126,6 +140,6 @@ def _model(settings: NodeSettings, name: str) -> FloatArray:
     return settings.models.get(name, settings.program.A)
 
 
-def _rate(arc: LocalArc) -> float:
-    """``trace(gain C) / p`` [1/s]."""
-    return float((arc.gain * arc.output.T).sum()) / int(arc.gain.shape[1])
+def pull_rates(program: LocalObserver) -> tuple[float, ...]:
+    """``trace(gain C) / p`` [1/s] of every arc of the ``program``: how fast it pulls."""
+    return tuple(float((arc.gain * arc.output.T).sum()) / int(arc.gain.shape[1]) for arc in program.arcs)

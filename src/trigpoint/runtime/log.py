@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +19,7 @@ from trigpoint.runtime.log_format import (
     LOG_KIND,
     LOG_VERSION,
     SCHEMA_TEXTS,
+    heard_by,
     message_of,
     topic_of,
 )
@@ -39,8 +41,10 @@ class LogWriter:
         path: the file (``run.mcap``); what was there is replaced.
         network: name of the network.
         names: names of its nodes, in the order that the tables of ``read_run`` shall have.
-        attributes: numbers and texts that describe the run; ``anchor_timeout`` [s] tells ``read_run`` how long an
-            estimate counts as anchored after the last anchor reading that it heard of.
+        attributes: numbers and texts that describe the run. ``anchor_timeout`` [s] tells ``read_run`` how long an
+            estimate counts as anchored after the last anchor reading that it heard of; ``hears`` (the names of each
+            node's neighbours, in the order of ``program.hears``) names the links of a status; ``guaranteed_rate``
+            [1/s] is drawn in the report.
 
     Raises:
         FileFormatError: the file cannot be written.
@@ -55,6 +59,7 @@ class LogWriter:
             raise ArgumentError(f"names and attributes of a log must be plain numbers and texts; {error}") from error
         metadata = {"kind": LOG_KIND, "version": LOG_VERSION, "network": network, **texts}
         self._file = McapWriter(Path(path), SCHEMA_TEXTS, LABEL, metadata)
+        self._hears = heard_by(attributes)
         self._dropped = 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._flush_often, name="trigpoint-log", daemon=True)
@@ -62,7 +67,7 @@ class LogWriter:
 
     @property
     def dropped(self) -> int:
-        """Frames that found no room: a file holds at most 65 000 topics."""
+        """Frames that were not logged: a file holds at most 65 000 topics, and a status has a length that fits."""
         return self._dropped
 
     @property
@@ -78,7 +83,11 @@ class LogWriter:
             ArgumentError: a number of the frame is not finite.
         """
         topic, schema = topic_of(frame)
-        self._add(topic, schema, message_of(frame), frame.sequence, (received_at, frame.time))
+        message = message_of(frame, self._hears.get(frame.sender, ()))
+        if message is None:
+            self._dropped += 1
+        else:
+            self._add(topic, schema, message, frame.sequence, (received_at, frame.time))
 
     def event(self, text: str, node: str | None = None, *, time: float) -> None:
         """Log that something (``text``) happened at ``time`` [s] to ``node``, or to the run (None)."""
@@ -113,8 +122,8 @@ class LogWriter:
     ) -> None:
         try:
             data = _encode(message).encode("ascii")
-            received, sent = (round(time * 1e9) for time in times)
-        except (ValueError, OverflowError) as error:
+            received, sent = (_nanoseconds(time) for time in times)
+        except ValueError as error:
             raise ArgumentError(f"what is logged under {topic} must consist of finite numbers; {error}") from error
         if not self._file.add(topic, schema, data, sequence, (received, sent)):
             self._dropped += 1
@@ -123,3 +132,10 @@ class LogWriter:
         while not self._ended.wait(FLUSH_EVERY):
             with contextlib.suppress(FileFormatError):  # kept by the file; the next write and close say it
                 self._file.flush()
+
+
+def _nanoseconds(time: float) -> int:
+    """The container's time, which begins in 1970 and has 64 bits; a clock that is far off is brought to the ends."""
+    if not math.isfinite(time):
+        raise ValueError(f"the time {time} is not finite")
+    return round(min(max(time, 0.0), 9e9) * 1e9)

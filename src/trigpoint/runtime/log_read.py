@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trigpoint.arrays import FloatArray, IntArray
-from trigpoint.errors import FileFormatError
-from trigpoint.runtime.codec import FACTS, Kind
-from trigpoint.runtime.log_format import LABEL, LOG_KIND, LOG_VERSION
+from trigpoint.errors import FileFormatError, ProtocolError
+from trigpoint.runtime.codec import FACTS, Frame, Kind
+from trigpoint.runtime.log_format import LABEL, LOG_KIND, LOG_VERSION, decode_message, heard_by, values_of_status
 from trigpoint.runtime.mcap_read import Channel, McapReader
+from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, NodeStatus, node_status
 from trigpoint.runtime.topics import name_of
 
 MOST_VALUES = 4096
@@ -59,7 +59,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Event:
+class LogEvent:
     """What happened (``text``) at ``time`` [s] to ``node``, or to the run (None)."""
 
     time: float
@@ -80,7 +80,7 @@ class Log:
         damage: why it is not complete; empty when it is.
         estimates: by node.
         truths: by node; empty where nothing simulated the truth.
-        statuses: by node; the values may differ in number from message to message.
+        statuses: by node; values in the order of ``STATUS_FIELDS``, then of ``LINK_FIELDS`` for each link.
         readings: by label.
         events: in the order of arrival.
         odd: messages that were left out since they have another size than the first of their topic.
@@ -96,8 +96,26 @@ class Log:
     truths: Mapping[str, Series]
     statuses: Mapping[str, Series]
     readings: Mapping[int, Series]
-    events: tuple[Event, ...]
+    events: tuple[LogEvent, ...]
     odd: int = 0
+
+    def status(self, name: str) -> NodeStatus | None:
+        """The last status of the node ``name``; None where it sent none, or one that means nothing.
+
+        Its neighbours have the names that the log's attribute ``hears`` gives, else numbers from 1.
+        """
+        series = self.statuses.get(name)
+        if series is None:
+            return None
+        values = series.row(len(series) - 1)
+        count = (values.shape[0] - len(STATUS_FIELDS)) // len(LINK_FIELDS)
+        hears = heard_by(self.attributes).get(name, [])
+        hears = hears if len(hears) == count else [str(k + 1) for k in range(count)]
+        frame = Frame(Kind.STATUS, name, 0, 0, float(series.times[-1]), (), values)
+        try:
+            return node_status(frame, hears)
+        except ProtocolError:
+            return None
 
 
 def read_log(path: str | Path) -> Log:
@@ -110,20 +128,20 @@ def read_log(path: str | Path) -> Log:
         MissingExtraError: mcap is not installed.
     """
     reader = McapReader(path)
-    gatherers: dict[Channel, _Gatherer | None] = {}
-    events: list[Event] = []
+    gatherers: dict[Channel, _Gatherer] = {}
+    events: list[LogEvent] = []
     odd = 0
     for channel, received, _, data in reader.messages():
         if channel not in gatherers:
-            gatherers[channel] = _Gatherer(channel.topic) if channel.encoding == "json" else None
+            gatherers[channel] = _Gatherer(channel)
         gatherer = gatherers[channel]
-        if gatherer is None:
+        if not gatherer.family:
             continue
         try:
-            message = _decode(data.decode("utf-8"))
-            if channel.topic == "/event":
+            message = decode_message(data)
+            if gatherer.family == "event":
                 events.append(_event(message))
-            elif gatherer.family:
+            else:
                 odd += not gatherer.take(message, received)
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
             what = f"{type(error).__name__}: {error}"
@@ -131,7 +149,7 @@ def read_log(path: str | Path) -> Log:
                 path, f"a message of {channel.topic!r} does not follow its schema ({what})"
             ) from error
     network, names, attributes = _header(reader)
-    tables = _tables(path, [one for one in gatherers.values() if one is not None and one.family and one.times])
+    tables = _tables(path, [one for one in gatherers.values() if one.times])
     return Log(
         str(path),
         network,
@@ -148,20 +166,15 @@ def read_log(path: str | Path) -> Log:
     )
 
 
-def _no_constant(text: str) -> float:
-    raise ValueError(f"{text} is no number of JSON")
-
-
-_decode: Callable[[str], Any] = json.JSONDecoder(parse_constant=_no_constant).decode
-
-
 class _Gatherer:
     """The numbers of one topic as they come in."""
 
-    def __init__(self, topic: str) -> None:
-        parts = topic.split("/")
+    def __init__(self, channel: Channel) -> None:
+        parts = channel.topic.split("/") if channel.encoding == "json" else []
         self.family, self.name = "", ""
-        if len(parts) == 4 and parts[:2] == ["", "node"] and parts[3] in ("estimate", "status"):
+        if parts == ["", "event"]:
+            self.family = "event"
+        elif len(parts) == 4 and parts[:2] == ["", "node"] and parts[3] in ("estimate", "status"):
             self.family, self.name = parts[3], name_of(parts[2])
         elif len(parts) == 3 and parts[0] == "" and parts[1] in ("reading", "truth"):
             self.family, self.name = parts[1], name_of(parts[2])
@@ -173,7 +186,7 @@ class _Gatherer:
 
     def take(self, message: Any, received: int) -> bool:
         """Take in one message; False when it was left out for its size."""
-        values = message["values"]
+        values = values_of_status(message) if self.family == "status" else message["values"]
         count = len(values)
         if not isinstance(values, list) or count > MOST_VALUES:
             raise ValueError(f"values must be a list of at most {MOST_VALUES} numbers")
@@ -223,11 +236,11 @@ def _label(path: str | Path, text: str) -> int:
         raise FileFormatError(path, f"a reading's topic must end in a whole number; got {text[:40]!r}") from error
 
 
-def _event(message: Any) -> Event:
+def _event(message: Any) -> LogEvent:
     time, text, node = float(message["time"]), message["text"], message["node"]
     if not isinstance(text, str) or not isinstance(node, str | None) or not np.isfinite(time):
         raise ValueError("an event has a finite time, a text, and a node or null")
-    return Event(time, text, node)
+    return LogEvent(time, text, node)
 
 
 def _header(reader: McapReader) -> tuple[str, tuple[str, ...], dict[str, Any]]:
@@ -240,7 +253,7 @@ def _header(reader: McapReader) -> tuple[str, tuple[str, ...], dict[str, Any]]:
             reader.path, f"is a log of version {given.get('version')!r}; this reads version {LOG_VERSION}"
         )
     try:
-        names, attributes = _decode(given.get("names", "")), _decode(given.get("attributes", ""))
+        names, attributes = (decode_message(given.get(key, "").encode()) for key in ("names", "attributes"))
     except (ValueError, RecursionError) as error:
         raise FileFormatError(reader.path, f"its description is no JSON: {error}") from error
     texts = isinstance(names, list) and all(isinstance(name, str) for name in names)

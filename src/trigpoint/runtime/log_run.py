@@ -168,11 +168,10 @@ def _between(series: Series, grid: FloatArray, last: IntArray, silence: float) -
     span = np.where(same, times[after] - times[last], 1.0)
     share = (np.where(same, grid - times[last], 0.0) / span)[:, None]
     run, next_run = times[after] - times[before], times[beyond] - times[last]
-    slope = (values[after] - values[before]) * (span / np.where(same, run, 1.0))[:, None]
-    next_slope = (values[beyond] - values[last]) * (span / np.where(same, next_run, 1.0))[:, None]
-    rise = values[after] - values[last]
-    with np.errstate(over="ignore", invalid="ignore"):  # a diverged node may have said 1e308
-        cubic = share * (
-            slope + share * (3.0 * rise - 2.0 * slope - next_slope + share * (slope + next_slope - 2.0 * rise))
-        )
-    return np.where(same[:, None], values[last] + cubic, values[last])
+    with np.errstate(over="ignore", invalid="ignore"):  # a node that diverged may have said 1e308
+        slope = (values[after] - values[before]) * (span / np.where(same, run, 1.0))[:, None]
+        next_slope = (values[beyond] - values[last]) * (span / np.where(same, next_run, 1.0))[:, None]
+        rise = values[after] - values[last]
+        bend = slope + next_slope - 2.0 * rise
+        moved = values[last] + share * (slope + share * (rise - slope - bend + share * bend))
+    return np.where(same[:, None], moved, values[last])

@@ -16,7 +16,7 @@ from trigpoint.observers.local import LocalState
 from trigpoint.runtime.codec import Frame, Kind, decode_frame, encode_frame
 from trigpoint.runtime.gate import LARGEST_VALUE, REASONS, Counters, Route, Source
 from trigpoint.runtime.knowledge import Knowledge, averaged, learn
-from trigpoint.runtime.latched import NOTHING, Latched, Reading, latched
+from trigpoint.runtime.latched import NOTHING, Latched, Reading, latched, pull_rates
 from trigpoint.runtime.links import Heard, Link, State
 from trigpoint.runtime.routes import neighbours, routes_of
 from trigpoint.runtime.settings import NodeSettings
@@ -94,6 +94,11 @@ class NodeMachine:
         return self._paused
 
     @property
+    def anchored(self) -> bool:
+        """Whether it knows of an anchor reading that is at most ``anchor_timeout`` old."""
+        return self._known.anchored(self._state.time, self._settings.anchor_timeout)
+
+    @property
     def counters(self) -> Counters:
         """Frames accepted and dropped so far."""
         counts = dict(self._counts)
@@ -104,7 +109,7 @@ class NodeMachine:
         """All that the node says of itself, as of its last act."""
         settings, state, known = self._settings, self._state, self._known
         timeout, now = settings.anchor_timeout, state.time
-        anchored = known.anchored(now, timeout)
+        anchored = self.anchored
         links = tuple(self._link_status(self._links[name]) for name in settings.program.hears)
         offset = max((abs(link.offset) for link in self._links.values() if link.offset is not None), default=0.0)
         drift = settings.program.A @ state.estimate
@@ -128,6 +133,12 @@ class NodeMachine:
             counters=self.counters,
             links=links,
         )
+
+    def estimate_at(self, time: float) -> FloatArray:
+        """The node's estimate (q,) at ``time``, moved on freely since its last act; NaN where a reading is missing."""
+        settings, state = self._settings, self._state
+        value = settings.program.moved(state.estimate, time - state.time, settings.input)
+        return settings.program.estimate(LocalState(time, state.sequence, value), self._latched.readings)
 
     def subscriptions(self) -> tuple[str, ...]:
         """Keys that the node listens to."""
@@ -172,7 +183,7 @@ class NodeMachine:
             return
         oldest = now - settings.stale * (1.0 + _SNAP)
         fresh = {label: reading for label, reading in self._readings.items() if reading.time >= oldest}
-        self._latched = use = latched(settings, self._state, heard, fresh)
+        self._latched = use = latched(settings, self._rates, self._state, heard, fresh)
         self._known = learn(
             self._known, now, settings.anchor_timeout, own=use.own, missing=bool(use.missing), told=use.told
         )
@@ -214,6 +225,7 @@ class NodeMachine:
     # -- inside ----------------------------------------------------------------------------------------------------
     def _adopt(self, settings: NodeSettings) -> None:
         self._settings = settings
+        self._rates = pull_rates(settings.program)
         self._links = {name: self._links.get(name) or Link(name) for name in neighbours(settings)}
         known = self._sources
         self._sources = {}
@@ -232,6 +244,7 @@ class NodeMachine:
         """The state at ``now``, or at the nearest instant of the grid."""
         settings, state = self._settings, self._state
         period, elapsed = settings.period, now - state.time
+        resumed, self._resumed = self._resumed, False
         if elapsed <= _SNAP * period:
             self._state = LocalState(now, state.sequence, state.estimate)
             return
@@ -241,18 +254,18 @@ class NodeMachine:
             moment = state.time + duration
         if duration <= 0.0:
             return
-        if not self._resumed:
+        if not resumed:
             self._missed += max(0, round(elapsed / period) - 1)
-        self._resumed = False
         held = min(duration, max(period, settings.stale))
         use = self._latched
-        state = settings.program.step(state, use.inbox, use.readings, held, settings.input)
-        estimate = state.estimate
-        if duration > held:
-            estimate = settings.program.moved(estimate, duration - held, settings.input)
+        with np.errstate(over="ignore", invalid="ignore"):
+            state = settings.program.step(state, use.inbox, use.readings, held, settings.input)
+            estimate = state.estimate
+            if duration > held:
+                estimate = settings.program.moved(estimate, duration - held, settings.input)
         self._known = replace(self._known, uncertainty=averaged(self._known.uncertainty, use.pulls, held))
         self._state = LocalState(moment, state.sequence, estimate)
-        if not float(estimate @ estimate) < LARGEST_VALUE**2:
+        if not all(abs(value) <= LARGEST_VALUE for value in estimate.tolist()):
             self._begin_anew(moment)
 
     def _begin_anew(self, moment: float) -> None:

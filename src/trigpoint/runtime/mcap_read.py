@@ -16,7 +16,7 @@ from trigpoint.runtime.mcap_write import MAGIC
 _LARGEST_RECORD = 64 * 1024 * 1024
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE_CODE, _CHUNK, _METADATA = 1, 2, 3, 4, 5, 6, 12
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE_CODE, _CHUNK, _STATISTICS, _METADATA = 2, 3, 4, 5, 6, 11, 12
 
 
 class _DamageError(Exception):
@@ -53,9 +53,10 @@ class McapReader:
         self.complete, self.damage = False, ""
         self._records, self._stream_of = records, data_stream.ReadDataStream
         # what the parsers of single records make of bytes that are none; UnicodeDecodeError is a ValueError
-        self._malformed = (exceptions.McapError, struct.error, ValueError)
+        self._malformed = (exceptions.McapError, struct.error, ValueError, OverflowError)
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Channel] = {}
+        self._count, self._promised = 0, -1
         try:
             with Path(path).open("rb") as stream:
                 start = stream.read(len(MAGIC))
@@ -74,8 +75,7 @@ class McapReader:
                 while True:
                     opcode, content = _next_record(stream)
                     if opcode == _FOOTER:
-                        self.complete = stream.read(len(MAGIC)) == MAGIC
-                        self.damage = "" if self.complete else "its last bytes are missing"
+                        self._end(stream.read(len(MAGIC)))
                         return
                     yield from self._messages_in(opcode, content)
                     position += _RECORD.size + len(content)
@@ -84,11 +84,20 @@ class McapReader:
         except OSError as error:
             raise FileFormatError(self.path, f"cannot be read ({error.strerror or error})") from error
 
+    def _end(self, magic: bytes) -> None:
+        if magic != MAGIC:
+            self.damage = "its last bytes are missing"
+        elif self._promised not in (-1, self._count):
+            self.damage = f"its end promises {self._promised} messages; {self._count} were found"
+        self.complete = not self.damage
+
     def _messages_in(self, opcode: int, content: bytes) -> Iterator[tuple[Channel, int, int, bytes]]:
         if opcode == _CHUNK:
             yield from self._messages_of_chunk(self._chunk(content))
         elif opcode == _MESSAGE_CODE:
             yield self._message(content, 0, len(content))
+        elif opcode == _STATISTICS:
+            self._promised = self._parsed(self._records.Statistics.read, content).message_count
         elif opcode == _METADATA:
             record = self._parsed(self._records.Metadata.read, content)
             self.metadata[record.name] = record.metadata
@@ -116,6 +125,7 @@ class McapReader:
         number, _, received, sent = _MESSAGE.unpack_from(data, at)
         if number not in self._channels:
             raise _DamageError(f"a message belongs to the channel {number}, which nothing describes")
+        self._count += 1
         return self._channels[number], received, sent, data[at + _MESSAGE.size : at + length]
 
     def _describe(self, opcode: int, content: bytes) -> None:

@@ -72,7 +72,7 @@ class McapWriter:
         return self._failure
 
     def add(self, topic: str, schema: str, data: bytes, sequence: int, times: tuple[int, int]) -> bool:
-        """Take in one message: its JSON text, its number and when it was (received, sent), nanoseconds.
+        """Take in one message: its JSON text, its number and when it was received and sent, nanoseconds since 1970.
 
         Returns:
             False when the file has as many topics as it can hold and this is a further one.
@@ -81,7 +81,7 @@ class McapWriter:
             FileFormatError: the disk refused an earlier chunk, or the file is closed.
         """
         self._check()
-        received, sent = (min(max(time, 0), _LARGEST_TIME) for time in times)
+        received, sent = times
         with self._adding:
             channel = self._channels.get(topic) or self._new_channel(topic, schema)
             if channel is None:

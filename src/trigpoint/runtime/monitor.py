@@ -68,6 +68,12 @@ class Controls(Protocol):
         ...
 
 
+def watched(network: str) -> tuple[str, ...]:
+    """Patterns that a monitor listens to: all but the nodes' questions for the time, and orders."""
+    start = everything(network).removesuffix("**")
+    return tuple(start + rest for rest in ("node/*/estimate", "node/*/status", "node/*/hello", "reading/*", "truth/*"))
+
+
 class Monitor:
     """Collects what the nodes and the plant publish.
 
@@ -103,7 +109,8 @@ class Monitor:
         self._late = {Kind.ESTIMATE: (0, 0.0), Kind.READING: (0, 0.0)}
         self.hooks: list[Hook] = []
         self.received = self.dropped = self.malformed = self.received_bytes = 0
-        transport.subscribe(everything(network), self._sink)
+        for pattern in watched(network):
+            transport.subscribe(pattern, self._sink)
 
     @property
     def names(self) -> tuple[str, ...]:

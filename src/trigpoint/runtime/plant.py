@@ -110,14 +110,14 @@ class PlantSettings:
             "parts": [[encode_array(one.A), encode_array(one.start), _maybe(one.noise)] for one in self.parts],
             "instruments": [
                 {
-                    "label": one.label,
-                    "rows": [[part, encode_array(rows)] for part, rows in one.rows],
-                    "deviation": one.deviation,
+                    "label": int(one.label),
+                    "rows": [[int(part), encode_array(rows)] for part, rows in one.rows],
+                    "deviation": float(one.deviation),
                     "recorded": _maybe(one.recorded),
                 }
                 for one in self.instruments
             ],
-            "shows": [list(pair) for pair in self.shows],
+            "shows": [[name, int(part)] for name, part in self.shows],
             "seed": self.seed,
             "origin": self.origin,
             "peers": dict(self.peers),
@@ -163,7 +163,7 @@ def read_plant(path: Path) -> PlantSettings:
         raise FileFormatError(path, f"no plant settings: {error}") from error
 
 
-class Plant:
+class SimulatedPlant:
     """The truth as it moves; no clock and no socket in it.
 
     Args:
@@ -247,7 +247,7 @@ class PlantLoop:
         self._settings, self._transport, self._clock = settings, transport, clock
         origin = clock.now() if settings.origin is None else settings.origin
         self._origin = origin
-        self._plant = Plant(settings, epoch=epoch, origin=origin)
+        self._plant = SimulatedPlant(settings, epoch=epoch, origin=origin)
         self._orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
         self.missed = 0
 

@@ -99,6 +99,11 @@ class NodeSettings:
         for name, choices in (("old", get_args(OldPolicy)), ("coverage", get_args(Coverage))):
             if getattr(self, name) not in choices:
                 raise ArgumentError(f"{name} must be {' or '.join(choices)}; got {getattr(self, name)!r}")
+        if self.input is not None:
+            B = self.program.B
+            if B is None or np.shape(self.input) != (B.shape[1],):
+                shape = None if B is None else B.shape
+                raise ArgumentError(f"input of a node must fit its B {shape}; got {np.shape(self.input)}")
         bad = [label for label, value in self.deviations.items() if not (np.isfinite(value) and value >= 0.0)]
         if bad:
             raise ArgumentError(f"deviations must be numbers of at least 0; those of the arcs {bad} are not")

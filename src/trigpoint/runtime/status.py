@@ -66,7 +66,7 @@ class NodeStatus:
         innovation: Euclidean norm of all innovations at work.
         clock_offset: the largest offset of a neighbour's clock, in size [s].
         floor: error floor that this offset causes by itself, ``|offset| |A z|``.
-        magnitude: |z|.
+        magnitude: Euclidean norm of z.
         counters: frames accepted and dropped.
         links: one for each neighbour that is heard.
     """

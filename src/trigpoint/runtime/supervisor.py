@@ -105,7 +105,12 @@ class Supervisor:
 
     # -- orders -----------------------------------------------------------------------------------------------------
     def start(self) -> None:
-        """Write the settings and start everything; the truth begins now."""
+        """Write the settings and start everything; the truth begins now.
+
+        Raises:
+            MissingExtraError: psutil is not installed.
+        """
+        _psutil()  # before anything runs
         plan = self._plan
         if plan.plant is not None and plan.plant.origin is None:
             plan = replace(plan, plant=replace(plan.plant, origin=self._clock.now()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import threading
+import time
 import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,6 +26,7 @@ LONGEST_MESSAGE = 60_000
 
 _LEASE = 2000  # ms without a sign of life after which a link counts as broken
 _MOMENT = 200_000  # us that a full link may hold up a sender before it is closed, to be opened afresh
+_DRAIN = 0.5  # s; a QUIC address is taken for some 0.1 s after its session has closed
 _SOURCE = re.compile(r" at /\S+:\d+\.?")  # where in the library's own sources an error arose
 
 
@@ -65,7 +67,7 @@ def session_config(
         "transport/link/tx/queue/size/data": 16,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": _MOMENT,
         "transport/link/rx/max_message_size": 65536,  # pieces of longer ones are not kept
-        "transport/unicast/open_timeout": _LEASE,
+        "transport/unicast/open_timeout": _LEASE // 2,
         "transport/unicast/accept_timeout": _LEASE,
         "transport/shared_memory/enabled": False,
     }
@@ -112,10 +114,8 @@ class ZenohTransport:
         self._handing = threading.RLock()
         self._publishers: dict[str, Any] = {}
         self._held: list[Any] = []
-        try:
-            self._session = self._zenoh.open(config)
-        except self._zenoh.ZError as error:
-            raise ArgumentError(_refusal(listen, connect, str(error))) from error
+        self._announced: set[str] = set()
+        self._session = self._opened(config, listen, connect)
         # An interpreter that ends while frames still arrive would wait for ever: the session ends first, at exit, too.
         self._end = weakref.finalize(self, self._session.close)
 
@@ -176,12 +176,14 @@ class ZenohTransport:
         Raises:
             ArgumentError: ``key`` is no key.
         """
+        self._announced.add(key)
         self._hold(key, lambda: self._session.liveliness().declare_token(key))
 
     def watch(self, pattern: str, present: Presence) -> None:
         """Tell ``present`` of every token under ``pattern`` of a linked peer that appears or is gone.
 
-        A killed peer is gone within some ten milliseconds, one behind a silent network after the lease of 2 s.
+        A killed peer is gone within milliseconds where links are streams, else, and behind a silent network, after the
+        lease of 2 s at the latest. Own tokens are not told of.
 
         Raises:
             ArgumentError: ``pattern`` is no pattern.
@@ -190,15 +192,19 @@ class ZenohTransport:
 
         def tell(sample: Any) -> None:
             with self._handing:
-                if self._open:
-                    present(str(sample.key_expr), sample.kind == put)
+                key = str(sample.key_expr)
+                if self._open and key not in self._announced:
+                    present(key, sample.kind == put)
 
         self._hold(
             pattern, lambda: self._session.liveliness().declare_subscriber(pattern, self._direct(tell), history=True)
         )
 
     def close(self) -> None:
-        """End all links; nothing reaches a sink afterwards. A second time does nothing."""
+        """End all links; nothing reaches a sink afterwards. A second time does nothing.
+
+        An attempt to connect that is under way is waited for, 1 s at most. Not to be called from a sink.
+        """
         with self._handing:
             if not self._open:
                 return
@@ -206,6 +212,17 @@ class ZenohTransport:
         self._end()
         self._held.clear()
         self._publishers.clear()
+
+    def _opened(self, config: Any, listen: str, connect: Sequence[str]) -> Any:
+        deadline = time.monotonic() + (_DRAIN if listen.startswith("quic/") else 0.0)
+        while True:
+            try:
+                return self._zenoh.open(config)
+            except self._zenoh.ZError as error:
+                text = str(error)
+                if not _is_taken(text) or time.monotonic() > deadline:
+                    raise ArgumentError(_refusal(listen, connect, text)) from error
+            time.sleep(0.02)
 
     def _direct(self, callback: Callable[[Any], None]) -> Any:
         """In the thread that receives: a flood then waits in the sender's socket, not in our memory."""
@@ -295,7 +312,11 @@ def _plain(text: str) -> str:
     return _SOURCE.sub("", text).strip()
 
 
+def _is_taken(text: str) -> bool:
+    return "in use" in text or "acquire lock" in text
+
+
 def _refusal(listen: str, connect: Sequence[str], text: str) -> str:
-    if "in use" in text or "acquire lock" in text:
+    if _is_taken(text):
         return f"{listen} is in use by another process; stop that one or choose another address"
     return f"cannot listen on {listen or 'nothing'} and connect to {list(connect)}: {_plain(text)}"
