@@ -242,7 +242,7 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
 def ages(live: LiveRun) -> tuple[float, float]:
     """Average age of a message and of a reading when it is used [s].
 
-    Half a period, plus the average time from the instant that a frame is for to its arrival, as the monitor sees it.
+    Half a period, plus the median time from the instant that a frame is for to its arrival, as the monitor sees it.
     Of two nodes with equal periods one hears the other's message a part p of a period after its instant, and the other
     the one's after 1 - p: half a period on average, whatever the phases. For readings it is the mean over the phases.
     """

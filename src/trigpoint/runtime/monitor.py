@@ -23,6 +23,7 @@ Hook = Callable[[Frame, float], None]
 """Called with every frame and the time at which it arrived."""
 
 _WAITING = 65536
+_REMEMBERED = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +107,7 @@ class Monitor:
         self._truths: dict[str, Frame] = {}
         self._statuses: dict[str, NodeStatus] = {}
         self._readings: dict[int, FloatArray] = {}
-        self._late = {Kind.ESTIMATE: (0, 0.0), Kind.READING: (0, 0.0)}
+        self._late = {kind: deque[float](maxlen=_REMEMBERED) for kind in (Kind.ESTIMATE, Kind.READING)}
         self.hooks: list[Hook] = []
         self.received = self.dropped = self.malformed = self.received_bytes = 0
         for pattern in watched(network):
@@ -147,14 +148,17 @@ class Monitor:
         return count
 
     def lateness(self, kind: Kind) -> float:
-        """Average seconds from the instant that a frame of this ``kind`` (estimate, reading) is for to its arrival."""
-        count, total = self._late[kind]
-        return max(0.0, total / count) if count else 0.0
+        """Seconds from the instant that a frame of this ``kind`` (estimate, reading) is for to its arrival.
+
+        The median of the last 16384: a processor that stalls now and then says nothing about the rest of the time.
+        """
+        with self._lock:
+            late = list(self._late[kind])
+        return max(0.0, float(np.median(late))) if late else 0.0
 
     def _keep(self, frame: Frame, arrived: float) -> None:
         if frame.kind in self._late:
-            count, total = self._late[frame.kind]
-            self._late[frame.kind] = count + 1, total + (arrived - frame.time)
+            self._late[frame.kind].append(arrived - frame.time)
         if frame.kind is Kind.READING:
             self._readings[int(frame.fact("label"))] = frame.values
             return
