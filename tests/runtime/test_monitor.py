@@ -100,6 +100,15 @@ def test_nonsense_is_counted_and_dropped():
     assert monitor.snapshot().estimate == (None, None)
 
 
+def test_readings_of_arcs_that_nobody_has_are_forgotten():
+    hand, monitor = watching()
+    for label in (0.0, 1e6, 0.5, -1.0):
+        frame = Frame(Kind.READING, "plant", 1, 0, 100.0, (label,), np.ones(1))
+        hand.feed("k", encode_frame(frame))
+    assert monitor.poll() == 4
+    assert list(monitor._readings) == [0]
+
+
 def test_the_queue_is_bounded(monkeypatch):
     hand, monitor = watching()
     monkeypatch.setattr("trigpoint.runtime.monitor._WAITING", monitor._waiting.maxlen)

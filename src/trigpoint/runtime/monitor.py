@@ -100,6 +100,7 @@ class Monitor:
     ) -> None:
         self._clock, self._began = clock, clock.now()
         self._programs = {program.name: program for program in programs}
+        self._labels = {label for program in programs for label in program.reads}
         self._motions = {} if motions is None else dict(motions)
         self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
         self._lock = threading.Lock()
@@ -160,7 +161,8 @@ class Monitor:
         if frame.kind in self._late:
             self._late[frame.kind].append(arrived - frame.time)
         if frame.kind is Kind.READING:
-            self._readings[int(frame.fact("label"))] = frame.values
+            if frame.fact("label") in self._labels:  # whatever else is sent shall not fill the memory
+                self._readings[int(frame.fact("label"))] = frame.values
             return
         program = self._programs.get(frame.sender)
         if program is None:
