@@ -41,7 +41,7 @@ def test_a_log_names_its_own_links(tmp_path):
     feed = feed_of(logged(tmp_path / "run.mcap", hears=HEARS, anchors=["a"], guaranteed_rate=0.25, stale=0.25), None)
     topology = feed.topology()
     assert (topology["names"], topology["arcs"], topology["anchored"]) == (list(NAMES), [[0, 1], [1, 2]], [0])
-    assert (topology["rate"], topology["stale"], topology["title"]) == (0.25, 0.5, "run.mcap")
+    assert (topology["rate"], topology["stale"], topology["title"]) == (0.25, 0.5, "net (run.mcap)")
     assert topology["colours"] == ["error", "uncertainty", "state", "age"]
     moment = decode_moment(feed.frame(19))
     np.testing.assert_allclose(moment.error, [1.9, 1.9, np.nan], rtol=1e-6)
@@ -56,9 +56,10 @@ def test_a_log_on_a_network_with_places(tmp_path):
     places = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]])
     graph = graphs.chain(3, anchors=(0,))
     graph = type(graph)(3, graph.tail, graph.head, names=NAMES)
-    save(Network(graph, np.zeros(3), positions=places), tmp_path / "net.csv")
+    save(Network(graph, np.zeros(3), positions=places, unit="mm"), tmp_path / "net.csv")
     feed = feed_of(logged(tmp_path / "run.mcap"), tmp_path / "net.csv")
     assert (feed.topology()["x"], feed.topology()["y"]) == ([0.0, 1.0, 2.0], [0.0, 0.0, 1.0])
+    assert feed.topology()["unit"] == "mm"
     with pytest.raises(ArgumentError, match="does not tell its links"):
         feed_of(tmp_path / "run.mcap", None)
 

@@ -130,7 +130,7 @@ def test_layers_are_switched(browser):
     nodes.lost = 0.25
     with shown(browser, live_app(feed)) as page:
         for layer, text in (
-            ("uncertainty", "uncertainty that a node states"),
+            ("uncertainty", "stated uncertainty"),
             ("age", "last heard"),
             ("error", "error of"),
         ):

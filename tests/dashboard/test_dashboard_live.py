@@ -104,6 +104,14 @@ def test_the_last_estimate_of_a_silent_node_is_no_present_one():
     assert (details["estimate"], details["error"], details["truth"]) == ([], None, [1.0, 2.0])
 
 
+def test_the_norm_waits_for_everybody():
+    feed, _ = live()
+    feed.absorb(snapshot(NAMES, 1.0, age=[0.0, math.inf, 0.0, 0.0]))
+    assert math.isnan(moment(feed).norm)
+    feed.absorb(snapshot(NAMES, 2.0))
+    assert moment(feed).norm == pytest.approx(1.0)
+
+
 def test_an_order_to_pause_explains_the_silence():
     feed, _ = live()
     feed.absorb(snapshot(NAMES, 1.0))

@@ -61,7 +61,7 @@ def feed_of(file: Path, network: Path | None) -> ReplayFeed:
 
 
 def _of_log(log: Log, network: Path | None) -> ReplayFeed:
-    title = Path(log.path).name
+    title = f"{log.network} ({Path(log.path).name})"
     if network is not None:
         scene = _scene(network, log.names, title)
     elif "hears" in log.attributes:
@@ -106,7 +106,13 @@ def _scene(network: Path, names: tuple[str, ...], title: str) -> Scene:
     for graph, measured in ((given.graph, given.network), (part.graph, part.network)):
         if graph is not None and graph.names == names:
             places = None if measured is None else measured.positions
-            return Scene(graph, title, places if places is not None and np.isfinite(places).all() else None)
+            states_are_values = measured is not None and not given.agent.A.any()
+            return Scene(
+                graph,
+                title,
+                places if places is not None and np.isfinite(places).all() else None,
+                unit=measured.unit if measured is not None and states_are_values else "",
+            )
     raise FileFormatError(network, "is not the network of this run: the node names differ")
 
 

@@ -85,7 +85,7 @@ class Moment:
     Attributes:
         index: sample of the replay, or number of the live frame.
         time: seconds.
-        norm: error norm of the whole network.
+        norm: error norm of the whole network, silent nodes not counted; not known before each was known once.
         traffic: messages a second, all links together.
         missed: deadlines missed so far, all nodes together.
         rejected: frames rejected so far, all nodes together.

@@ -114,6 +114,7 @@ class LiveFeed:
         self._status: list[NodeStatus | None] = [None] * n
         self._said = np.zeros(n, dtype=_SAID)
         self._said["uncertainty"] = np.nan
+        self._met = np.zeros(n, dtype=bool)
         self._paused: set[int] = set()
         self._states: IntArray = np.full(n, UNKNOWN, dtype=np.int64)
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
@@ -273,10 +274,11 @@ class LiveFeed:
         known = said["known"].any()
         silent = self._silent(snapshot)
         error = np.where(silent, np.nan, snapshot.error)
+        self._met |= ~np.isnan(error)
         return Moment(
             index=self.count,
             time=snapshot.time,
-            norm=_norm(error),
+            norm=_norm(error) if self._met.all() else np.nan,  # else it would jump when the last ones join
             traffic=self._messages_a_second(snapshot.time),
             missed=float(said["missed"].sum()) if known else np.nan,
             rejected=float(said["rejected"].sum()) if known else np.nan,

@@ -4,7 +4,7 @@ import type { Network } from "./network";
 import type { Frame, Topology } from "./protocol";
 import { byId, element, seconds, short } from "./text";
 
-const TITLES = { error: "error of a node", uncertainty: "uncertainty that a node states", age: "last heard" };
+const TITLES = { error: "error of a node", uncertainty: "stated uncertainty", age: "last heard" };
 const UNKNOWN = { error: "no error known", uncertainty: "none stated", age: "never heard" };
 
 export function drawLegend(topology: Topology, network: Network, frame: Frame | null): void {
