@@ -4,13 +4,17 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check
 WORKERS ?= 2
+# The tests of the page drive a real browser; without one they are left out, and the run says so.
+CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
+NO_BROWSER := $(if $(strip $(CHROMIUM)),, and not browser)
+SAY_NO_BROWSER = $(if $(strip $(CHROMIUM)),,@echo "$@: the browser tests are LEFT OUT: no chromium on the PATH (Debian: apt-get install chromium)")
 
 # More BLAS threads than free cores are far slower on the small matrices of the tests.
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test slow lint docs bench clean
+.PHONY: help setup demo test slow lint docs bench page clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 8
@@ -53,18 +57,24 @@ docs: $(VENV)/.stamp-all ## build the documentation, warnings are errors
 	@echo "docs: docs/_build/html/index.html"
 
 test: lint docs ## lint, docs and every test and doctest that is not slow
+	$(SAY_NO_BROWSER)
 	@echo "test: pytest"
-	@$(BIN)/python -m pytest -q -n $(WORKERS) -m "not slow" --doctest-modules --doctest-glob='*.md' src tests docs
+	@$(BIN)/python -m pytest -q -n $(WORKERS) -m "not slow$(NO_BROWSER)" --doctest-modules --doctest-glob='*.md' src tests docs
 
 slow: $(VENV)/.stamp-all ## the tests that take minutes
+	$(SAY_NO_BROWSER)
 	@echo "slow: pytest"
-	@$(BIN)/python -m pytest -q -m slow tests
+	@$(BIN)/python -m pytest -q -m "slow$(NO_BROWSER)" tests
 
 bench: $(VENV)/.stamp-all ## every script in benchmarks/
 	@for script in $(sort $(wildcard benchmarks/*.py)); do \
 	  echo "bench: $$script"; $(BIN)/python $$script || exit 1; done
 	@$(if $(wildcard benchmarks/*.py),,echo "bench: there is no benchmark yet")
 
+PAGE := src/trigpoint/dashboard/web
+page: ## build the page of `trigpoint watch` from its sources (needs node 20 and npm)
+	@cd $(PAGE) && npm ci --silent --no-audit --no-fund && npm run --silent check && npm run --silent build
+
 clean: ## remove what was built, except .venv
-	rm -rf dist build docs/_build .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf dist build docs/_build $(PAGE)/node_modules .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad_vec
 
-from trigpoint.arrays import expm, transition_and_integral
+from trigpoint.arrays import expm, propagate, transition_and_integral
 from trigpoint.errors import ArgumentError
 
 
@@ -139,3 +139,28 @@ def test_transition_refuses_what_is_no_small_square_matrix(bad) -> None:
 def test_transition_refuses_a_time_step_that_is_not_finite() -> None:
     with pytest.raises(ArgumentError, match="must be finite"):
         transition_and_integral(np.eye(2), np.nan)
+
+
+@settings(max_examples=60)
+@given(st.integers(1, 6), st.floats(-6, 2.5), st.booleans(), st.integers(0, 2**32 - 1))
+def test_propagation_of_a_vector_agrees_with_the_exponential(n, decades, back, seed) -> None:
+    rng = np.random.default_rng(seed)
+    A = random_matrix(n, 10.0**decades, seed)
+    A -= (np.abs(np.linalg.eigvals(A).real).max() if not back else -np.abs(np.linalg.eigvals(A).real).max()) * np.eye(n)
+    value, drive = rng.normal(size=n), rng.normal(size=n)
+    duration = -1.0 if back else 1.0
+    block = np.zeros((n + 1, n + 1))
+    block[:n, :n], block[:n, n] = A * duration, drive * duration
+    exact = exact_exponential(block)
+    scale = np.linalg.norm(value) * np.abs(exact[:n, :n]).max() + np.linalg.norm(exact[:n, n]) + 1e-300
+    condition = max(1.0, la.norm(A, 1))
+    assert np.abs(propagate(A, value, duration) - exact[:n, :n] @ value).max() <= 1e-14 * condition * scale
+    driven = exact[:n, :n] @ value + exact[:n, n]
+    assert np.abs(propagate(A, value, duration, drive) - driven).max() <= 1e-14 * condition * scale
+
+
+def test_propagation_of_what_does_not_move_is_exact() -> None:
+    value, drive = np.array([1.0, 2.0]), np.array([0.5, -1.0])
+    assert propagate(np.zeros((2, 2)), value, 3.0) is value
+    np.testing.assert_array_equal(propagate(np.zeros((2, 2)), value, 3.0, drive), value + 3.0 * drive)
+    assert propagate(np.eye(2), value, 0.0) is value

@@ -1,9 +1,10 @@
 """The application: the page, its headers, and a socket that only its own page with the token may open."""
 
-import json
 import re
+import socket
 import subprocess
 import sys
+import urllib.request
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,42 +14,18 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import trigpoint.dashboard
+from tests.dashboard.feeds import BASE, connect, receive, receive_all, receive_until, recorded
 from trigpoint import graphs
-from trigpoint.dashboard import decode_frame, page_url, replay_app, serve
+from trigpoint.dashboard import Scene, decode_moment, page_url, replay_app, serve, serving
 from trigpoint.errors import ArgumentError, MissingExtraError, ShapeError
-from trigpoint.observers.run import Run
 
-BASE = "http://testserver"
-STATIC = Path(trigpoint.dashboard.__file__).parent / "static"
-
-
-def recorded(samples=6, step=0.05):
-    truth, estimate = np.random.default_rng(1).normal(size=(2, samples, 4, 2))
-    status = np.full((samples, 4), "anchored")
-    times = step * np.arange(samples)
-    return Run(times, truth, estimate, np.zeros((samples, 4), np.int64), status, tuple("abcd"), "stacked")
+FOLDER = Path(trigpoint.dashboard.__file__).parent
+STATIC = FOLDER / "static"
+CHAIN = Scene(graphs.chain(4))
 
 
 def client_of(run, **options):
-    return TestClient(replay_app(run, graphs.chain(4), token="secret", **options), base_url=BASE)
-
-
-def connect(client, token="secret", origin=BASE):
-    headers = {} if origin is None else {"origin": origin}
-    return client.websocket_connect(f"/ws?token={token}", headers=headers)
-
-
-def receive(session):
-    message = session.receive()
-    return json.loads(message["text"]) if message.get("text") is not None else message["bytes"]
-
-
-def receive_until(session, kind):
-    """The next frame (kind ``bytes``), or the next JSON message of the type ``kind``."""
-    while True:
-        message = receive(session)
-        if (isinstance(message, bytes) and kind is bytes) or (isinstance(message, dict) and message["type"] == kind):
-            return message
+    return TestClient(replay_app(run, CHAIN, token="secret", **options), base_url=BASE)
 
 
 def test_frames_decode_to_the_numbers_of_the_run():
@@ -63,10 +40,10 @@ def test_frames_decode_to_the_numbers_of_the_run():
             if isinstance(message, dict):
                 assert message["type"] == "state"
                 continue
-            time, errors = decode_frame(message)
-            k = int(np.argmin(np.abs(run.times - time)))
-            assert time == pytest.approx(run.times[k], rel=1e-6)
-            np.testing.assert_allclose(errors, np.linalg.norm(run["error"][k], axis=1), rtol=1e-6)
+            shown = decode_moment(message)
+            k = shown.index
+            assert shown.time == run.times[k]
+            np.testing.assert_allclose(shown.error, np.linalg.norm(run["error"][k], axis=1), rtol=1e-6)
             seen.append(k)
         assert seen == sorted(set(seen))
         assert seen[0] == 0
@@ -81,17 +58,18 @@ def test_the_page_pauses_seeks_and_traces():
         while receive_until(session, "state")["playing"]:
             pass
         session.send_json({"type": "seek", "frame": 42})
-        assert decode_frame(receive_until(session, bytes))[0] == pytest.approx(420.0)
-        session.send_json({"type": "trace", "node": 2})
+        assert decode_moment(receive_until(session, bytes)).time == pytest.approx(420.0)
+        session.send_json({"type": "select", "node": 2})
         trace = receive_until(session, "trace")
-        assert trace["errors"] == pytest.approx(np.linalg.norm(run["error"][:, 2], axis=1).tolist())
+        assert receive_until(session, "node")["time"] == pytest.approx(420.0)
+        assert trace["error"] == pytest.approx(np.linalg.norm(run["error"][:, 2], axis=1).tolist())
         session.send_json({"type": "speed", "value": 100})
         assert receive_until(session, "state")["speed"] == 100
 
 
 @pytest.mark.parametrize(
     "text",
-    ["{", "null", '{"type": "seek", "frame": 6}', '{"type": "trace", "node": -1}', '{"type": "speed", "value": 0}'],
+    ["{", "null", '{"type": "seek", "frame": 6}', '{"type": "select", "node": -1}', '{"type": "speed", "value": 0}'],
 )
 def test_a_bad_command_closes_the_socket_with_a_reason(text):
     with client_of(recorded()) as client, connect(client) as session:
@@ -108,12 +86,6 @@ def test_binary_from_the_page_is_no_command():
         with pytest.raises(WebSocketDisconnect) as closed:
             receive_all(session)
         assert closed.value.code == 1008
-
-
-def receive_all(session):
-    for _ in range(1000):
-        message = session.receive()
-        session._raise_on_close(message)
 
 
 @pytest.mark.parametrize(
@@ -142,9 +114,9 @@ def test_the_page_needs_its_token_and_carries_a_strict_policy():
             refused = client.get(f"/{query}")
             assert refused.status_code == 403
             assert "token" in refused.text
-        for path in ("/?token=secret", "/static/app.js", "/static/style.css", "/?token=wrong"):
+        for path in ("/?token=secret", "/static/app.js", "/static/page.css", "/?token=wrong"):
             headers = client.get(path).headers
-            policy = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'"
+            policy = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; "
             assert headers["content-security-policy"].startswith(policy)
             assert headers["x-content-type-options"] == "nosniff"
             assert headers["referrer-policy"] == "no-referrer"
@@ -166,18 +138,18 @@ def test_the_page_asks_nothing_of_any_other_host():
                     assert (STATIC / value.removeprefix("/static/")).is_file()
 
     Reader().feed((STATIC / "index.html").read_text("utf-8"))
-    script = (STATIC / "app.js").read_text("utf-8")
-    assert not re.search(r"https?://|innerHTML|insertAdjacent|eval\(|fetch\(|import\b", script)
-    assert not re.search(r"https?://|@import|url\(", (STATIC / "style.css").read_text("utf-8"))
+    for source in (FOLDER / "web" / "src").iterdir():
+        text = source.read_text("utf-8").replace('xmlns="http://www.w3.org/2000/svg"', "")
+        assert not re.search(r"https?://|innerHTML|insertAdjacent|eval\(|fetch\(|url\(|import\(", text), source.name
 
 
 def test_a_random_token_stands_in_the_address():
     run = recorded()
-    first, second = (replay_app(run, graphs.chain(4)) for _ in range(2))
+    first, second = (replay_app(run, CHAIN) for _ in range(2))
     assert first.state.token != second.state.token
     assert len(first.state.token) >= 32
     assert page_url(first, 80) == f"http://127.0.0.1:80/?token={first.state.token}"
-    assert page_url(replay_app(run, graphs.chain(4), token="a&b"), 80).endswith("?token=a%26b")
+    assert page_url(replay_app(run, CHAIN, token="a&b"), 80).endswith("?token=a%26b")
 
 
 def test_serve_binds_this_machine_only(monkeypatch, capsys):
@@ -185,27 +157,43 @@ def test_serve_binds_this_machine_only(monkeypatch, capsys):
 
     called = {}
     monkeypatch.setattr(uvicorn, "run", lambda app, **options: called.update(options, app=app))
-    app = replay_app(recorded(), graphs.chain(4), token="secret")
+    app = replay_app(recorded(), CHAIN, token="secret")
     serve(app, 8123)
     assert (called["app"], called["host"], called["port"], called["access_log"]) == (app, "127.0.0.1", 8123, False)
+    assert called["ws_max_size"] <= 16384
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "http://127.0.0.1:8123/?token=secret" in printed.err
 
 
+def test_serving_in_a_thread_answers_and_ends():
+    app = replay_app(recorded(), CHAIN, token="secret")
+    with serving(app) as url:
+        assert url.startswith("http://127.0.0.1:")
+        port = int(url.split(":")[2].split("/")[0])
+        with urllib.request.urlopen(url) as answer:
+            assert answer.status == 200
+        with pytest.raises(ArgumentError, match=f"port {port} on 127.0.0.1 cannot be had"), serving(app, port):
+            pass
+        with socket.socket() as other:  # whoever listens on every address answers on this one, too
+            assert other.connect_ex(("127.0.0.2", port)) != 0
+    with socket.socket() as other:
+        assert other.connect_ex(("127.0.0.1", port)) != 0
+
+
 @pytest.mark.parametrize("port", [0, 65536, "80", True])
 def test_serve_refuses_what_is_no_port(port):
     with pytest.raises(ArgumentError, match="port must be a whole number"):
-        serve(replay_app(recorded(), graphs.chain(4)), port)
+        serve(replay_app(recorded(), CHAIN), port)
 
 
 def test_misuse():
     with pytest.raises(ShapeError, match="graph has 3 nodes"):
-        replay_app(recorded(), graphs.chain(3))
+        replay_app(recorded(), Scene(graphs.chain(3)))
     with pytest.raises(ArgumentError, match="token must not be empty"):
-        replay_app(recorded(), graphs.chain(4), token="")
+        replay_app(recorded(), CHAIN, token="")
     with pytest.raises(ArgumentError, match="speed must be positive"):
-        replay_app(recorded(), graphs.chain(4), speed=0.0)
+        replay_app(recorded(), CHAIN, speed=0.0)
 
 
 def test_importing_the_package_loads_no_server():
@@ -215,7 +203,7 @@ def test_importing_the_package_loads_no_server():
 
 
 def test_missing_packages_are_named_at_use(monkeypatch):
-    app = replay_app(recorded(), graphs.chain(4))
+    app = replay_app(recorded(), CHAIN)
     for package in ("uvicorn", "websockets"):
         with monkeypatch.context() as patch:
             patch.setitem(sys.modules, package, None)
@@ -224,4 +212,4 @@ def test_missing_packages_are_named_at_use(monkeypatch):
     monkeypatch.delitem(sys.modules, "trigpoint.dashboard._server")
     monkeypatch.setitem(sys.modules, "starlette.applications", None)
     with pytest.raises(MissingExtraError, match=r"'starlette'.*trigpoint\[dashboard\]"):
-        replay_app(recorded(), graphs.chain(4))
+        replay_app(recorded(), CHAIN)

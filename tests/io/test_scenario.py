@@ -53,8 +53,11 @@ seed = 5
 path = "stacked"
 [run]
 rate = 10
-transport = {kind = "udp"}
-security = "none"
+transport = "quic"
+security = "keys"
+stale = 0.5
+agents_per_process = 4
+addresses = {a = "quic/127.0.0.1:7447"}
 """
 
 
@@ -72,7 +75,9 @@ def test_a_full_scenario_is_read():
     assert scenario.design.measurement.tolist() == [[0.5]]
     assert scenario.simulate.instants.tolist() == [0.0, 5.0, 10.0]
     assert scenario.simulate.noise.process is True
-    assert scenario.run.transport == {"kind": "udp"}
+    assert (scenario.run.transport, scenario.run.security, scenario.run.agents_per_process) == ("quic", "keys", 4)
+    assert (scenario.run.stale, scenario.run.window, scenario.run.old) == (0.5, None, "propagate")
+    assert scenario.run.addresses == {"a": "quic/127.0.0.1:7447"}
 
 
 def test_defaults():
@@ -176,6 +181,11 @@ BAD = [
     (GRID + "[simulate]\nhorzon = 1\n", 4, "'horzon' [simulate] did you mean 'horizon'"),
     (GRID + "[simulate]\nnoise = {proces = 1}\n", 4, "'proces' [simulate.noise] did you mean 'process'"),
     (GRID + "[run]\nrates = 1\n", 4, "'rates' did you mean 'rate'"),
+    (
+        GRID + '[run]\nrate = 9\ntransport = "pigeon"\n',
+        5,
+        "run.transport: got 'pigeon', expected 'unixsock'",
+    ),
     (GRID + "design.gian = 1\n", 3, "'design' [network]"),
     ("design.gian = 1\n" + GRID, 1, "'gian' [design] did you mean 'gain'"),
     (GRID + '[design]\ngain = "best"\n', 4, "design.gain 'best' 'worst-case'"),

@@ -51,8 +51,9 @@ def own_docstring(value: object) -> str:
 
 
 def is_error_or_enum(value: object) -> bool:
-    """True for classes that nobody calls with arguments of their own."""
-    return inspect.isclass(value) and issubclass(value, BaseException | enum.Enum)
+    """True for classes that nobody calls with arguments of their own: protocols, too."""
+    named = getattr(value, "_is_protocol", False)
+    return inspect.isclass(value) and (named or issubclass(value, BaseException | enum.Enum))
 
 
 def test_everything_public_has_a_docstring() -> None:

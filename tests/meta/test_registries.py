@@ -16,6 +16,7 @@ REGISTRIES = {
     "io": ("FORMATS", "formats.md"),
     "methods": ("METHODS", "methods.md"),
     "certificates": ("CLAIMS", "claims.md"),
+    "runtime": ("ADDRESS_KINDS", "transports.md"),
 }
 
 

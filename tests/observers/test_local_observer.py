@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph, chain, cycle, grid
+from trigpoint.methods import LocalKalman, design
 from trigpoint.model import LinearAgent, NetworkedAgents
 from trigpoint.observers import DiffusiveObserver, LocalState, Message
 
@@ -233,3 +234,40 @@ def test_the_memo_of_maps_stays_bounded() -> None:
     results = [node.step(state, {}, {}, 0.001 * (k + 1)).estimate for k in range(600)]
     assert len(node._memo) <= 257
     assert np.array_equal(node.step(state, {}, {}, 0.001).estimate, results[0])
+
+
+@settings(max_examples=25)
+@given(st.floats(0.0, 3.0), st.integers(0, 999))
+def test_an_old_estimate_moves_as_the_model_does(age, seed) -> None:
+    rng = np.random.default_rng(seed)
+    A, B, value, u = rng.normal(size=(2, 2)), rng.normal(size=(2, 1)), rng.normal(size=2), rng.normal(size=1)
+    program = dataclasses.replace(chain_program(), A=A, B=B, arcs=())
+    free = program.step(LocalState(0.0, 0, value), {}, {}, max(age, 1e-9), u).estimate
+    np.testing.assert_allclose(program.moved(value, age, u), free, rtol=1e-7, atol=1e-7)
+    other = rng.normal(size=(2, 2))
+    alone = dataclasses.replace(program, A=other, B=None, _memo={})
+    np.testing.assert_array_equal(program.moved(value, age, model=other), alone.moved(value, age))
+
+
+def test_a_map_and_what_is_of_now_do_not_move() -> None:
+    program, value = chain_program(), np.array([1.0, 2.0])
+    assert program.moved(value, 0.0) is value
+    assert program.moved(value, -1.0) is value
+    assert dataclasses.replace(program, exchange="discrete").moved(value, 1.0) is value
+
+
+def test_innovations_are_what_the_correction_is_made_of() -> None:
+    program = chain_program()
+    state, inbox = LocalState(0.0, 0, np.array([1.0, 2.0])), {"0": Message("0", 0, 0.0, np.array([0.5, 1.0]))}
+    readings = {arc.label: np.array([3.0]) for arc in program.arcs}
+    found = program.innovations(state, inbox, readings)
+    assert [one is None for one in found] == [arc.neighbour != "0" for arc in program.arcs]
+    corrected = program.derivative(state, inbox, readings) - program.A @ state.estimate
+    total = sum(arc.gain @ one for arc, one in zip(program.arcs, found, strict=True) if one is not None)
+    np.testing.assert_allclose(corrected, total, rtol=1e-14)
+
+
+def chain_program():
+    """The middle node of three double integrators in a row."""
+    problem = NetworkedAgents(chain(3, anchors=[0]), LinearAgent([[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0]]))
+    return design(problem, LocalKalman()).local(1)

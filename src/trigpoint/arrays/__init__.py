@@ -10,7 +10,7 @@ from trigpoint.arrays.core import (
     frozen,
     require_finite,
 )
-from trigpoint.arrays.exponential import expm, transition_and_integral
+from trigpoint.arrays.exponential import expm, propagate, transition_and_integral
 from trigpoint.arrays.text import decode_array, digest_of, encode_array
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "encode_array",
     "expm",
     "frozen",
+    "propagate",
     "require_finite",
     "transition_and_integral",
 ]

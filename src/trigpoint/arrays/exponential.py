@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+
 import numpy as np
 
 from trigpoint.arrays.core import FloatArray, require_finite
@@ -14,6 +17,8 @@ _PADE_13 = (
 )  # fmt: skip
 _PADE_13_RADIUS = 5.371920351148152  # Higham (2005), Table 2.3: 1-norm for which degree 13 reaches unit roundoff
 _EXPM_LIMIT = 64
+_LONGEST_SERIES = 50.0
+_ORDERS = np.arange(19.0)  # 1 / 19! is 8e-18
 
 
 def expm(A: FloatArray) -> FloatArray:
@@ -79,6 +84,44 @@ def transition_and_integral(A: FloatArray, h: float) -> tuple[FloatArray, FloatA
         integral = integral + transition @ integral
         transition = np.asarray(transition @ transition, dtype=np.float64)
     return transition, np.asarray(integral, dtype=np.float64)
+
+
+def propagate(A: FloatArray, value: FloatArray, duration: float, drive: FloatArray | None = None) -> FloatArray:
+    """``e^{A t} z + int_0^t e^{A s} ds b`` (n,) for t = ``duration``, z = ``value``, b = ``drive`` (None: 0).
+
+    The Taylor series with the powers of A (n, n) kept between calls, in pieces of ``|A| |t| <= 1`` (Frobenius norm): a
+    few products, where ``transition_and_integral`` has to factorize. A negative t goes back in time.
+
+    We assume:
+        * A, z, b and t are finite.
+    """
+    size = math.sqrt(float(np.vdot(A, A))) * abs(duration)
+    if size == 0.0:
+        return value if drive is None else value + duration * drive
+    if size > _LONGEST_SERIES:
+        sign = math.copysign(1.0, duration)
+        transition, integral = transition_and_integral(sign * A, abs(duration))
+        moved = transition @ value
+        return np.asarray(moved if drive is None else moved + sign * (integral @ drive), dtype=np.float64)
+    n, pieces = A.shape[0], max(1, math.ceil(size))
+    powers, weights = _powers(A.tobytes(), n), (duration / pieces) ** _ORDERS
+    transition = (weights @ powers).reshape(n, n)
+    gained = None
+    if drive is not None:
+        gained = ((duration / pieces) * (weights / (_ORDERS + 1.0)) @ powers).reshape(n, n) @ drive
+    for _ in range(pieces):
+        value = transition @ value if gained is None else transition @ value + gained
+    return value
+
+
+@lru_cache(maxsize=128)
+def _powers(data: bytes, n: int) -> FloatArray:
+    """(orders, n n): ``A^k / k!``, a row each."""
+    A = np.frombuffer(data, dtype=np.float64).reshape(n, n)
+    rows = [np.eye(n)]
+    for order in range(1, _ORDERS.shape[0]):
+        rows.append(rows[-1] @ A / order)
+    return np.stack(rows).reshape(-1, n * n)
 
 
 def _halvings(norm: float) -> int:

@@ -11,10 +11,13 @@ from trigpoint.cli.check import check
 from trigpoint.cli.demo import demo
 from trigpoint.cli.designing import certify_command, design_command, verify_command
 from trigpoint.cli.estimating import estimate_command
-from trigpoint.cli.others import convert, watch
+from trigpoint.cli.keys import keys_command
+from trigpoint.cli.others import convert
 from trigpoint.cli.reporting import report
 from trigpoint.cli.reproducing import reproduce_command
+from trigpoint.cli.running import node_command, run_command
 from trigpoint.cli.simulating import simulate_command
+from trigpoint.cli.watching import watch
 
 app = typer.Typer(
     name="trigpoint",
@@ -47,6 +50,9 @@ for _name, _command in (
     ("certify", certify_command),
     ("verify", verify_command),
     ("simulate", simulate_command),
+    ("run", run_command),
+    ("node", node_command),
+    ("keys", keys_command),
     ("convert", convert),
     ("report", report),
     ("watch", watch),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.io import ScenarioFile, load
-from trigpoint.io.sections import DesignSection, SimulateSection
+from trigpoint.io.sections import DesignSection, RunSection, SimulateSection
 from trigpoint.model import HyperNetwork, LinearAgent, Network, NetworkedAgents, SharedPlant
 from trigpoint.observers import AssembledObserver, DiffusiveObserver, LocalObserver, Run
 from trigpoint.observers.assembled import Problem
@@ -27,6 +27,7 @@ class Given:
     agent: LinearAgent
     design: DesignSection
     simulate: SimulateSection
+    run: RunSection = field(default_factory=RunSection)
 
     @property
     def problem(self) -> NetworkedAgents:
@@ -42,13 +43,16 @@ class Stated:
     problem: SharedPlant | HyperNetwork | NetworkedAgents
     design: DesignSection
     simulate: SimulateSection
+    run: RunSection = field(default_factory=RunSection)
 
 
 def read_any(path: Path) -> Given | Stated:
     """Read any file that states a problem of any kind."""
     loaded = load(path)
     if isinstance(loaded, ScenarioFile) and loaded.plant is not None:
-        return Stated(path, loaded.plant, loaded.design, loaded.simulate or SimulateSection())
+        return Stated(
+            path, loaded.plant, loaded.design, loaded.simulate or SimulateSection(), loaded.run or RunSection()
+        )
     if isinstance(loaded, SharedPlant | HyperNetwork):
         return Stated(path, loaded, DesignSection(), SimulateSection())
     if isinstance(loaded, NetworkedAgents) and not loaded.is_homogeneous:
@@ -59,18 +63,19 @@ def read_any(path: Path) -> Given | Stated:
 def read(path: Path) -> Given:
     """Read any file that states a network of equal agents; a document of another kind is an error."""
     loaded = load(path)
-    agent, design, simulate = None, DesignSection(), SimulateSection()
+    agent, design, simulate, run = None, DesignSection(), SimulateSection(), RunSection()
     if isinstance(loaded, ScenarioFile):
-        agent, design, simulate = loaded.agent, loaded.design, loaded.simulate or simulate
+        agent, design = loaded.agent, loaded.design
+        simulate, run = loaded.simulate or simulate, loaded.run or run
         if loaded.network is None:
             raise FileFormatError(path, "states a [plant]; this command needs a [network]")
         loaded = loaded.network
     elif isinstance(loaded, NetworkedAgents):
         return Given(path, loaded.graph, None, loaded.agent, design, simulate)
     if isinstance(loaded, Network):
-        return Given(path, loaded.graph, loaded, agent or LinearAgent.static(loaded.dimension), design, simulate)
+        return Given(path, loaded.graph, loaded, agent or LinearAgent.static(loaded.dimension), design, simulate, run)
     if isinstance(loaded, MeasurementGraph):
-        return Given(path, loaded, None, agent or LinearAgent.static(loaded.dimension), design, simulate)
+        return Given(path, loaded, None, agent or LinearAgent.static(loaded.dimension), design, simulate, run)
     raise FileFormatError(
         path,
         f"holds {kind_of(loaded)}; this command needs a network or a scenario",

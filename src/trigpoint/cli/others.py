@@ -1,4 +1,4 @@
-"""``trigpoint convert`` and ``watch``."""
+"""``trigpoint convert``."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from trigpoint.cli.reporting import graph_of, run_of
+from trigpoint.cli.reporting import is_log
 from trigpoint.cli.shell import HOLDS, Json, console, emit, guarded
-from trigpoint.dashboard import page_url, replay_app, serve
 from trigpoint.errors import FileFormatError
 from trigpoint.io import ScenarioFile, load, save
+from trigpoint.runtime import read_run
 
 
 @guarded
@@ -20,8 +20,11 @@ def convert(
     target: Annotated[Path, typer.Argument(help="File to write; its ending names the format.")],
     as_json: Json = False,
 ) -> int:
-    """Read a network in one format and write it in another (.csv, .tsv, .gkf, .graphml, .json)."""
-    loaded = load(source)
+    """Read a network in one format and write it in another (.csv, .tsv, .gkf, .graphml, .json).
+
+    The log of a live run (.mcap) is written as a recorded run (.npz, .nc, .zarr).
+    """
+    loaded = read_run(source) if is_log(source) else load(source)
     if isinstance(loaded, ScenarioFile):
         if loaded.network is None:
             raise FileFormatError(source, "states a [plant], which is no network to convert")
@@ -31,21 +34,4 @@ def convert(
         emit({"from": str(source), "to": str(target)})
     else:
         console().print(f"written to {target}")
-    return HOLDS
-
-
-@guarded
-def watch(
-    file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz).")],
-    network: Annotated[Path, typer.Argument(help="Its network: any file that simulate takes.")],
-    port: Annotated[int, typer.Option("--port", help="Port on 127.0.0.1.")] = 8765,
-    as_json: Json = False,
-) -> int:
-    """Replay a recorded run in the browser, from this machine only. Ends with Ctrl-C."""
-    run = run_of(file)
-    graph = graph_of(network, run)
-    app = replay_app(run, graph)
-    if as_json:
-        emit({"address": page_url(app, port)})
-    serve(app, port)
     return HOLDS

@@ -14,7 +14,8 @@ from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.io import load, write_atomically
 from trigpoint.observers.run import Run
-from trigpoint.report import ANIMATIONS, Scene, animation, render, run_page
+from trigpoint.report import ANIMATIONS, Scene, animation, live_page, render, run_page
+from trigpoint.runtime import read_log, run_of
 from trigpoint.simulation.documents import scenario_from_document
 from trigpoint.simulation.topology import with_absences
 
@@ -27,28 +28,32 @@ Frames = Annotated[int, typer.Option("--frames", help="Frames of the moving pict
 
 @guarded
 def report(
-    file: Annotated[Path, typer.Argument(help="A run written by simulate (.npz, .nc, .zarr).")],
+    file: Annotated[
+        Path, typer.Argument(help="A run of simulate (.npz, .nc, .zarr), or the log of a live one (.mcap).")
+    ],
     network: NetworkFile = None,
     animate: Animate = None,
     frames: Frames = 100,
     out: Out = None,
     as_json: Json = False,
 ) -> int:
-    """Write the report of a recorded run: one HTML file, beside the run unless --out names another place.
+    """Write the report of a run: one HTML file, beside the run unless --out names another place.
 
     With --network it shows the network coloured by the final error; --animate needs it.
     """
     ending(out, ".html")
     ending(animate, *(f".{kind}" for kind in ANIMATIONS))
-    run = run_of(file)
+    log = read_log(file) if is_log(file) else None
+    run = stored(file) if log is None else run_of(log)
     target = file.with_suffix(".html") if out is None else out
     if animate is not None and network is None:
         raise ArgumentError("--animate needs the run's network: add --network FILE")
     if animate is not None and animate.resolve() == target.resolve():
         raise ArgumentError(f"the report and the moving picture would both be {target}: name one of them otherwise")
     graph = None if network is None else graph_of(network, run)
-    rate = _rate(run)
-    write_atomically(target, render(run_page(run, title=f"Run {file.name}", graph=graph, rate=rate)))
+    rate, title = _rate(run), f"Run {file.name}"
+    page = run_page(run, title=title, graph=graph, rate=rate) if log is None else live_page(log, run, title=title)
+    write_atomically(target, render(page))
     written = {"report": str(target)}
     if animate is not None and graph is not None:
         moving = animation(
@@ -68,11 +73,18 @@ def report(
     return HOLDS
 
 
-def run_of(path: Path) -> Run:
+def is_log(path: Path) -> bool:
+    """Whether ``path`` is named like the log of a live run."""
+    return path.suffix.lower() == ".mcap"
+
+
+def stored(path: Path) -> Run:
     """Read a recorded run."""
     run = load(path)
     if not isinstance(run, Run):
-        raise FileFormatError(path, f"holds {kind_of(run)}; expected a recorded run (.npz written by simulate)")
+        raise FileFormatError(
+            path, f"holds {kind_of(run)}; expected a recorded run (.npz written by simulate, .mcap by run)"
+        )
     return run
 
 

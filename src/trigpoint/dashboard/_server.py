@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import secrets
-from dataclasses import dataclass
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -18,12 +20,9 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from trigpoint.dashboard.frames import frame, trace_message
-from trigpoint.dashboard.playback import Playback, decode_command, traced_node
-from trigpoint.errors import ProtocolError
-
-if TYPE_CHECKING:
-    from trigpoint.observers.run import Run
+from trigpoint.dashboard.commands import decode_command, ordered, selected
+from trigpoint.dashboard.feed import ORDERS, Feed, View
+from trigpoint.errors import ProtocolError, TrigpointError
 
 STATIC = Path(__file__).parent / "static"
 FORBIDDEN = 4403
@@ -33,12 +32,13 @@ _INBOX = 64
 _HEADERS = (
     (
         b"content-security-policy",
-        b"default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+        b"default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; "
         b"base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     ),
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),  # the address holds the token
     (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cross-origin-opener-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 )
 
@@ -60,10 +60,8 @@ class _SafeHeaders:
 
 
 @dataclass(frozen=True, eq=False)
-class _Replay:
-    run: Run
-    topology: str
-    start: Playback
+class _Site:
+    feed: Feed
     token: str
 
     async def page(self, request: Request) -> Response:
@@ -80,56 +78,115 @@ class _Replay:
         commands: asyncio.Queue[str | None] = asyncio.Queue(_INBOX)
         reader = asyncio.create_task(_read(websocket, commands))
         try:
-            await self._stream(websocket, commands)
+            await _Visit(self.feed, websocket, commands, self.feed.view()).stream()
         except WebSocketDisconnect:
             pass
         except ProtocolError as error:
-            await websocket.close(_BAD_COMMAND, str(error)[:120])
+            await websocket.close(_BAD_COMMAND, _short(error))
         finally:
             reader.cancel()
             await asyncio.gather(reader, return_exceptions=True)
 
-    async def _stream(self, websocket: WebSocket, commands: asyncio.Queue[str | None]) -> None:
-        """Send the topology, then a frame whenever the sample changes, until the page goes away."""
-        await websocket.send_text(self.topology)
-        clock = asyncio.get_running_loop().time
-        state, before, shown = self.start, clock(), -1
-        told: tuple[bool, float] | None = None
-        while True:
-            if state.index != shown:
-                shown = state.index
-                await websocket.send_bytes(frame(self.run, shown))
-            if told != (state.playing, state.speed):
-                told = (state.playing, state.speed)
-                await websocket.send_json({"type": "state", "playing": state.playing, "speed": state.speed})
-            text = await _next(commands, max(_TICK, state.wait) if state.playing else None)
-            now = clock()
-            state, before = state.advanced(now - before), now
-            if text is None:
-                return
-            if text:
-                state = await self._obey(websocket, state, decode_command(text))
-
-    async def _obey(self, websocket: WebSocket, state: Playback, command: dict[str, Any]) -> Playback:
-        if command["type"] == "trace":
-            node = traced_node(command, len(self.run.names))
-            await websocket.send_json(trace_message(self.run, node))
-        return state.obeying(command)
+    @contextlib.asynccontextmanager
+    async def lifespan(self, _: Starlette) -> AsyncIterator[None]:
+        following = asyncio.create_task(self.feed.follow())
+        try:
+            yield
+        finally:
+            following.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await following
 
     def _has_token(self, connection: HTTPConnection) -> bool:
         given = connection.query_params.get("token", "")
         return secrets.compare_digest(given.encode("utf-8", "replace"), self.token.encode("utf-8", "replace"))
 
 
-def build(run: Run, topology: dict[str, Any], start: Playback, token: str) -> Starlette:
-    """Return the application around one recorded run."""
-    replay = _Replay(run, json.dumps(topology, allow_nan=False), start, token)
+@dataclass(eq=False)
+class _Visit:
+    """One page while it is connected."""
+
+    feed: Feed
+    websocket: WebSocket
+    commands: asyncio.Queue[str | None]
+    view: View
+    shown: int = -1
+    heard_events: int = 0
+    chosen: int | None = None
+    told: tuple[bool, float] | None = None
+    orders: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.orders = () if self.feed.controls is None else ORDERS
+
+    async def stream(self) -> None:
+        """Send the topology, then whatever is new, until the page goes away or nothing more will come."""
+        await self._json(self.feed.topology())
+        clock = asyncio.get_running_loop().time
+        before = clock()
+        while True:
+            await self._tell()
+            if self.feed.ended is not None:
+                await self._json({"type": "end", "text": self.feed.ended})
+                await self.websocket.close(1000)
+                return
+            text = await _next(self.commands, max(_TICK, self.view.wait) if self.view.playing else None)
+            now = clock()
+            self.view, before = self.view.advanced(now - before), now
+            if text is None:
+                return
+            if text:
+                await self._obey(decode_command(text))
+
+    async def _tell(self) -> None:
+        if self.view.index != self.shown:
+            self.shown = self.view.index
+            await self.websocket.send_bytes(self.feed.frame(self.shown))
+            if self.chosen is not None:
+                await self._json(self.feed.details(self.chosen, self.shown))
+        count, fresh = self.feed.events(self.heard_events)
+        if count != self.heard_events:
+            self.heard_events = count
+            await self._json({"type": "events", "events": [vars(event) for event in fresh]})
+        if self.told != (self.view.playing, self.view.speed):
+            self.told = (self.view.playing, self.view.speed)
+            await self._json({"type": "state", "playing": self.view.playing, "speed": self.view.speed})
+
+    async def _obey(self, command: dict[str, Any]) -> None:
+        match command["type"]:
+            case "select":
+                self.chosen = selected(command, len(self.feed.names))
+                if self.chosen is not None:
+                    await self._json(self.feed.traces(self.chosen))
+                    await self._json(self.feed.details(self.chosen, self.view.index))
+            case "order":
+                await self._order(*ordered(command, self.orders, len(self.feed.names)))
+            case _:
+                self.view = self.view.obeying(command)
+
+    async def _order(self, order: str, node: int) -> None:
+        try:
+            # it may wait for a process to end
+            await asyncio.to_thread(getattr(self.feed.controls, order), self.feed.names[node])
+        except TrigpointError as error:
+            await self._json({"type": "refused", "order": order, "node": node, "text": _short(error)})
+            return
+        self.feed.ordered(order, node)
+        await self._json({"type": "done", "order": order, "node": node})
+
+    async def _json(self, message: dict[str, Any]) -> None:
+        await self.websocket.send_text(json.dumps(message, allow_nan=False))
+
+
+def build(feed: Feed, token: str) -> Starlette:
+    """Return the application around one feed."""
+    site = _Site(feed, token)
     routes = [
-        Route("/", replay.page, methods=["GET"]),
-        WebSocketRoute("/ws", replay.socket),
+        Route("/", site.page, methods=["GET"]),
+        WebSocketRoute("/ws", site.socket),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
-    app = Starlette(routes=routes, middleware=[Middleware(_SafeHeaders)])
+    app = Starlette(routes=routes, middleware=[Middleware(_SafeHeaders)], lifespan=site.lifespan)
     app.state.token = token
     return app
 
@@ -156,3 +213,8 @@ async def _next(commands: asyncio.Queue[str | None], seconds: float | None) -> s
         return await asyncio.wait_for(commands.get(), seconds)
     except TimeoutError:
         return ""
+
+
+def _short(error: TrigpointError) -> str:
+    """The message, at most the 123 bytes that the reason of a close may have."""
+    return str(error).encode("utf-8")[:120].decode("utf-8", "ignore")

@@ -1,20 +1,34 @@
-"""What travels to the page: one JSON topology message, then binary frames; and what the page asks for.
+"""What travels to the page: one JSON topology message, binary frames, and JSON for what is asked for.
 
 Topology message (JSON text, once)::
 
-    {"type": "topology", "version": 1, "path": ..., "names": [N], "x": [N], "y": [N], "arcs": [[i, j], ...],
-     "anchored": [nodes with an external arc], "times": [T], "norm": [T], "error_range": [low, high] or null}
+    {"type": "topology", "version": 2, "mode": "replay" or "live", "title": text, "unit": text or "",
+     "names": [N], "x": [N], "y": [N], "arcs": [[i, j], ...] (M pairs), "anchored": [nodes with an external arc],
+     "rate": guaranteed decay rate, 1/s, or null, "stale": seconds or null, "states": [text of each state code],
+     "colours": of error, uncertainty, state, age those that the source knows, "links": of loss, age those,
+     "controls": [orders that a node takes], "times": [T] (replay; else []),
+     "norm": {"times": [], "values": []}, "error_range": [low, high] or null}
 
-Frame (binary, 4 + 4 N bytes, little-endian)::
+Frame, version 2 (binary, little-endian, 40 + 16 N + 8 M bytes)::
 
-    offset 0     float32    time, s
-    offset 4     float32[N] Euclidean norm of each node's error, in the order of ``names``; NaN: no estimate
+    offset  0  uint32 version, uint32 N, uint32 M, uint32 index (sample of the replay, or count of the live frames)
+    offset 16  float64 time, s
+    offset 24  float32 error norm of the network, float32 messages a second, float32 deadlines missed so far,
+               float32 frames rejected so far
+    offset 40  float32[N] error norm of each node, in the order of ``names``
+               float32[N] uncertainty: the standard deviation that the node states
+               float32[N] age: seconds since the node was last heard
+               float32[N] state: index into ``states``
+               float32[M] loss: share of the messages lost on the pair, the worse direction
+               float32[M] age of the last message on the pair, seconds, the worse direction
 
-``norm`` is the whole network's error norm; what is not finite is null in JSON, which has no NaN.
+NaN is "not known", infinity is itself. In JSON, which has neither, both are null. Version 1 was a float32 time and the
+errors alone; the page of this version refuses it.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,86 +36,186 @@ from numpy.typing import ArrayLike
 
 from trigpoint.arrays import FloatArray, as_floats
 from trigpoint.errors import ArgumentError, ProtocolError, ShapeError
-from trigpoint.graphs import MeasurementGraph
-from trigpoint.graphs.layout import node_positions
+from trigpoint.graphs.layout import arc_pairs, node_positions
 
 if TYPE_CHECKING:
-    from trigpoint.observers.run import Run
+    from trigpoint.graphs import MeasurementGraph
 
-VERSION = 1
+VERSION = 2
+STATES = ("unknown", "anchored", "uncovered", "relative", "silent", "paused", "away")
+"""What a node can be: not heard yet; anchored; anchored with links for which no guarantee was given; without a way to
+an anchor; heard of no longer; paused; absent on purpose (recorded runs)."""
+
+UNKNOWN, ANCHORED, UNCOVERED, RELATIVE, SILENT, PAUSED, AWAY = range(len(STATES))
+
+_HEAD = np.dtype(
+    [
+        ("version", "<u4"), ("nodes", "<u4"), ("links", "<u4"), ("index", "<u4"), ("time", "<f8"),
+        ("norm", "<f4"), ("traffic", "<f4"), ("missed", "<f4"), ("rejected", "<f4"),
+    ]
+)  # fmt: skip
 _FLOAT = np.dtype("<f4")
-_DECADES = 6.0
 _TRACE_POINTS = 2000
+_ALIGNED = 0.9
 
 
-def topology_message(run: Run, graph: MeasurementGraph, positions: ArrayLike | None = None) -> dict[str, Any]:
-    """Return the JSON object that the page gets once: the network, the times and the range of the errors.
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What the page shows besides the moving numbers.
+
+    Attributes:
+        graph: the network.
+        title: what the page is called: a file or a network.
+        positions: (N, 2) or (N, 3) places (plan view); None: placed by the hops between the nodes.
+        rate: decay rate that is guaranteed, 1/s, drawn beside the error; None for none.
+        unit: unit of the state, for the legends; empty where there is none or it is mixed.
+    """
+
+    graph: MeasurementGraph
+    title: str = ""
+    positions: ArrayLike | None = None
+    rate: float | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """All that the page draws at one instant; NaN where something is not known.
+
+    Attributes:
+        index: sample of the replay, or number of the live frame.
+        time: seconds.
+        norm: error norm of the whole network, silent nodes not counted; not known before each was known once.
+        traffic: messages a second, all links together.
+        missed: deadlines missed so far, all nodes together.
+        rejected: frames rejected so far, all nodes together.
+        error: (N,) error norm of each node.
+        uncertainty: (N,) standard deviation that each node states.
+        age: (N,) seconds since each node was last heard; infinite: never.
+        state: (N,) index into ``STATES``.
+        loss: (M,) share of messages lost on each pair, the worse direction.
+        link_age: (M,) age of the last message on each pair, seconds, the worse direction.
+    """
+
+    index: int
+    time: float
+    norm: float
+    traffic: float
+    missed: float
+    rejected: float
+    error: FloatArray
+    uncertainty: FloatArray
+    age: FloatArray
+    state: FloatArray
+    loss: FloatArray
+    link_age: FloatArray
+
+
+_NODE_TABLES = ("error", "uncertainty", "age", "state")
+_LINK_TABLES = ("loss", "link_age")
+_NUMBERS = tuple(f.name for f in fields(Moment) if f.name not in (*_NODE_TABLES, *_LINK_TABLES))
+
+
+def encode_moment(moment: Moment) -> bytes:
+    """Return the binary frame of ``moment``; what is beyond float32 becomes infinite."""
+    head = np.zeros((), dtype=_HEAD)
+    head["version"], head["nodes"], head["links"] = VERSION, moment.error.shape[0], moment.loss.shape[0]
+    with np.errstate(over="ignore"):  # a diverged error is infinite, which the page draws as the largest
+        for name in _NUMBERS:
+            head[name] = getattr(moment, name)
+        tables = [getattr(moment, name).astype(_FLOAT) for name in (*_NODE_TABLES, *_LINK_TABLES)]
+    return b"".join([head.tobytes(), *(table.tobytes() for table in tables)])
+
+
+def decode_moment(data: bytes) -> Moment:
+    """Read the frame ``data``; another version or length is a ``ProtocolError``."""
+    if len(data) < _HEAD.itemsize:
+        raise ProtocolError(f"a frame begins with a head of {_HEAD.itemsize} bytes; got {len(data)} in all")
+    head = np.frombuffer(data, dtype=_HEAD, count=1)[0]
+    if int(head["version"]) != VERSION:
+        raise ProtocolError(f"frame version {head['version']} is unknown; this reads {VERSION}")
+    nodes, links = int(head["nodes"]), int(head["links"])
+    lengths = [nodes] * len(_NODE_TABLES) + [links] * len(_LINK_TABLES)
+    expected = _HEAD.itemsize + _FLOAT.itemsize * sum(lengths)
+    if len(data) != expected:
+        raise ProtocolError(f"a frame of {nodes} nodes and {links} pairs has {expected} bytes; got {len(data)}")
+    numbers = np.frombuffer(data, dtype=_FLOAT, offset=_HEAD.itemsize).astype(np.float64)
+    tables = np.split(numbers, np.cumsum(lengths)[:-1])
+    time, norm, traffic, missed, rejected = (float(head[name]) for name in _NUMBERS[1:])
+    return Moment(int(head["index"]), time, norm, traffic, missed, rejected, *tables)
+
+
+def topology_message(scene: Scene, names: tuple[str, ...], **known: Any) -> dict[str, Any]:
+    """Return the JSON object that the page gets once.
 
     Args:
-        run: the recorded run, at least one sample.
-        graph: its network, with as many nodes as the run.
-        positions: (N, 2) or (N, 3) places (plan view); None: placed by the hops between them.
+        scene: the network and how to show it.
+        names: of the nodes, in the order of the frames.
+        known: the entries that depend on the source: ``mode``, ``colours``, ``links``, ``controls``, ``times``,
+            ``norm``, ``error_range``, ``stale``.
 
-    Raises ``ShapeError`` where the numbers of nodes differ, ``ArgumentError`` for a run without samples.
+    Raises ``ShapeError`` where the graph has another number of nodes, ``ArgumentError`` for a rate that is not
+    positive.
     """
-    check_run(run, graph)
-    places = node_positions(graph) if positions is None else _checked_places(graph, positions)
-    inner = ~graph.is_external
-    ends = np.sort(np.column_stack([graph.tail[inner], graph.head[inner]]), axis=1)
+    graph = scene.graph
+    if graph.n_nodes != len(names):
+        raise ShapeError(f"graph has {graph.n_nodes} nodes; the run has {len(names)}")
+    if scene.rate is not None and not (np.isfinite(scene.rate) and scene.rate > 0.0):
+        raise ArgumentError(f"rate must be a positive number or None; got {scene.rate}")
+    places = _straight(graph) if scene.positions is None else _checked_places(graph, scene.positions)
     return {
         "type": "topology",
         "version": VERSION,
-        "path": run.path,
-        "names": list(run.names),
+        "title": scene.title,
+        "unit": scene.unit,
+        "names": list(names),
         "x": places[:, 0].tolist(),
         "y": places[:, 1].tolist(),
-        "arcs": np.unique(ends, axis=0).tolist(),
+        "arcs": arc_pairs(graph)[0].tolist(),
         "anchored": graph.anchored_nodes.tolist(),
-        "times": run.times.tolist(),
-        "norm": _or_null(run.error_norm),
-        "error_range": _error_range(run),
+        "rate": scene.rate,
+        "states": list(STATES),
+        **known,
     }
 
 
-def frame(run: Run, k: int) -> bytes:
-    """Return the binary frame of sample ``k`` of ``run``, 0 <= k < T: the time and each node's error norm."""
-    if not 0 <= k < run.times.shape[0]:
-        raise ArgumentError(f"sample {k} is not in the run; expected 0 <= k < {run.times.shape[0]}")
-    numbers = np.concatenate([run.times[k : k + 1], node_errors(run, k)])
-    with np.errstate(over="ignore"):  # beyond float32 a diverged error is infinite, which the page draws as the largest
-        return numbers.astype(_FLOAT).tobytes()
+def trace_message(node: int, times: FloatArray, **tables: FloatArray) -> dict[str, Any]:
+    """Return the JSON object with the history of ``node`` at ``times``, at most 2000 samples of it.
+
+    Args:
+        node: whose.
+        times: (T,) seconds.
+        tables: ``estimate`` and ``truth`` (T, n); ``error`` and ``uncertainty`` (T,). (T, n) becomes n lists.
+    """
+    stride = max(1, -(-times.shape[0] // _TRACE_POINTS))
+    lists = {
+        name: or_null(table[::stride]) if table.ndim == 1 else [or_null(column) for column in table[::stride].T]
+        for name, table in tables.items()
+    }
+    return {"type": "trace", "node": node, "times": times[::stride].tolist(), **lists}
 
 
-def decode_frame(data: bytes) -> tuple[float, FloatArray]:
-    """Read the frame ``data``: its time and the (N,) error norms; what is not float32 numbers is a ``ProtocolError``"""
-    if len(data) < _FLOAT.itemsize or len(data) % _FLOAT.itemsize:
-        raise ProtocolError(f"a frame is a time and one number a node, 4 bytes each; got {len(data)} bytes")
-    numbers = np.frombuffer(data, dtype=_FLOAT).astype(np.float64)
-    return float(numbers[0]), numbers[1:]
+def or_null(values: FloatArray) -> list[float | None]:
+    """Return the numbers as a list, None for those that JSON does not have."""
+    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
-def trace_message(run: Run, node: int) -> dict[str, Any]:
-    """Return the JSON object with one node's error norm over the whole run, at most 2000 samples of it."""
-    if not 0 <= node < len(run.names):
-        raise ProtocolError(f"node {node} is not in the run; expected 0 <= node < {len(run.names)}")
-    stride = -(-run.times.shape[0] // _TRACE_POINTS)
-    error = run.estimate[::stride, node] - run.truth[::stride, node]
-    norms = np.sqrt((error**2).sum(axis=1))
-    return {"type": "trace", "node": node, "times": run.times[::stride].tolist(), "errors": _or_null(norms)}
+def number_or_null(value: float) -> float | None:
+    """Return the number, None where JSON does not have it."""
+    return float(value) if np.isfinite(value) else None
 
 
-def node_errors(run: Run, k: int) -> FloatArray:
-    """(N,) Euclidean norm of each node's error at sample ``k``."""
-    norms: FloatArray = np.sqrt(((run.estimate[k] - run.truth[k]) ** 2).sum(axis=1))
-    return norms
-
-
-def check_run(run: Run, graph: MeasurementGraph) -> None:
-    """Refuse a run without samples and a graph of another size."""
-    if not run.times.shape[0]:
-        raise ArgumentError("the run has no samples: there is nothing to replay")
-    if graph.n_nodes != len(run.names):
-        raise ShapeError(f"graph has {graph.n_nodes} nodes; the run has {len(run.names)}")
+def _straight(graph: MeasurementGraph) -> FloatArray:
+    """Places by hops, turned so that a grid lies along the axes: arcs mostly at right angles share one angle mod 90."""
+    places = node_positions(graph)
+    pairs = arc_pairs(graph)[0]
+    ways = np.diff(places[pairs], axis=1)[:, 0] @ np.array([1.0, 1.0j])
+    ways = ways[np.abs(ways) > 0.0]
+    mean = ((ways / np.abs(ways)) ** 4).mean() if ways.size else 0.0
+    if abs(mean) < _ALIGNED:
+        return places
+    turned = (places @ np.array([1.0, 1.0j])) * np.exp(-0.25j * np.angle(mean))
+    return np.column_stack([turned.real, turned.imag])
 
 
 def _checked_places(graph: MeasurementGraph, positions: ArrayLike) -> FloatArray:
@@ -109,17 +223,3 @@ def _checked_places(graph: MeasurementGraph, positions: ArrayLike) -> FloatArray
     if places.ndim != 2 or places.shape[0] != graph.n_nodes or places.shape[1] not in (2, 3):
         raise ShapeError(f"positions must have shape ({graph.n_nodes}, 2) or ({graph.n_nodes}, 3); got {places.shape}")
     return places
-
-
-def _error_range(run: Run) -> list[float] | None:
-    """Smallest and largest error of a node that is neither zero nor infinite, at most six decades apart."""
-    low, high = np.inf, 0.0
-    for k in range(run.times.shape[0]):
-        norms = node_errors(run, k)
-        norms = norms[np.isfinite(norms) & (norms > 0.0)]
-        low, high = min(low, norms.min(initial=np.inf)), max(high, norms.max(initial=0.0))
-    return [float(max(low, high / 10.0**_DECADES)), float(high)] if high > 0.0 else None
-
-
-def _or_null(values: FloatArray) -> list[float | None]:
-    return [value if np.isfinite(value) else None for value in values.tolist()]

@@ -1,14 +1,7 @@
-"""Playing, pausing and seeking as a pure value: no clock and no socket in it.
-
-Commands are JSON objects from the page::
-
-    {"type": "play"} | {"type": "pause"} | {"type": "seek", "frame": k} | {"type": "speed", "value": s}
-    {"type": "trace", "node": i}        answered by the whole error history of node i; changes nothing
-"""
+"""Playing, pausing and seeking as a pure value: no clock and no socket in it."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -17,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from trigpoint.arrays import FloatArray
+from trigpoint.dashboard.commands import whole
 from trigpoint.errors import ArgumentError, ProtocolError
 
 _FASTEST = 1e6
-_KEYS = {"play": set(), "pause": set(), "seek": {"frame"}, "speed": {"value"}, "trace": {"node"}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +59,7 @@ class Playback:
         return replace(self, clock=clock, playing=clock < end)
 
     def obeying(self, command: Mapping[str, Any]) -> Playback:
-        """Apply one command; play at the end begins again."""
+        """Apply one ``command`` (play, pause, seek, speed); play at the end begins again."""
         match command["type"]:
             case "play":
                 at_end = self.index == self.times.shape[0] - 1
@@ -74,37 +67,9 @@ class Playback:
             case "pause":
                 return replace(self, playing=False)
             case "seek":
-                return replace(self, clock=float(self.times[_whole(command, "frame", self.times.shape[0])]))
-            case "speed":
-                return replace(self, speed=_speed(command["value"]))
+                return replace(self, clock=float(self.times[whole(command, "frame", self.times.shape[0])]))
             case _:
-                return self
-
-
-def decode_command(text: str) -> dict[str, Any]:
-    """Read one command; anything else is a ``ProtocolError`` that says why."""
-    try:
-        command = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ProtocolError(f"a command must be JSON ({error})") from error
-    kind = command.get("type") if isinstance(command, dict) else None
-    if not isinstance(kind, str) or kind not in _KEYS:
-        raise ProtocolError(f"a command must be an object of type {', '.join(_KEYS)}")
-    if set(command) != {"type", *_KEYS[kind]}:
-        raise ProtocolError(f"the command {kind} has the keys {', '.join(['type', *sorted(_KEYS[kind])])}, no other")
-    return dict(command)
-
-
-def _whole(command: Mapping[str, Any], key: str, count: int) -> int:
-    value = command[key]
-    if type(value) is not int or not 0 <= value < count:
-        raise ProtocolError(f"{key} must be a whole number, 0 <= {key} < {count}; got {str(value)[:40]}")
-    return value
-
-
-def traced_node(command: Mapping[str, Any], count: int) -> int:
-    """Return the node that a trace command asks for."""
-    return _whole(command, "node", count)
+                return replace(self, speed=_speed(command["value"]))
 
 
 def _speed(value: object) -> float:

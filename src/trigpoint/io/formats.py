@@ -53,6 +53,12 @@ def format_of(path: str | Path, formats: Mapping[str, Format]) -> Format:
     for candidate in formats.values():
         if suffix in candidate.suffixes:
             return candidate
+    if suffix == ".mcap":
+        raise FileFormatError(
+            path,
+            "is the log of a live run: read it by trigpoint.runtime.read_run (or read_log), or write it as a recorded "
+            "run by 'trigpoint convert run.mcap run.npz'",
+        )
     if os.path.isdir(path):
         raise FileFormatError(path, "is a folder, expected a file")
     known = [name for candidate in formats.values() for name in candidate.suffixes]

@@ -184,11 +184,23 @@ class SimulateSection(Section):
 
 
 class RunSection(Section):
-    """``[run]``: ``rate`` (Hz), ``transport``, ``security`` of live nodes; the runtime checks the last two."""
+    """``[run]``: live nodes.
+
+    ``rate`` (Hz); ``transport`` of the links; ``security``, the folder that ``trigpoint keys`` wrote; what becomes of
+    ``old`` messages, and after how many seconds they are left out (``stale``); ``window`` (s) that a time stamp may be
+    off; ``anchor_timeout`` (s) after which a node that hears of no anchor says so; ``agents_per_process``;
+    ``addresses`` of nodes by name.
+    """
 
     rate: PositiveNumber | None = None
-    transport: Any = None
-    security: Any = None
+    transport: Literal["unixsock", "tcp", "udp", "tls", "quic"] = "unixsock"
+    security: Annotated[str, Field(min_length=1)] | None = None
+    old: Literal["propagate", "use"] = "propagate"
+    stale: PositiveNumber | None = None
+    window: PositiveNumber | None = None
+    anchor_timeout: PositiveNumber | None = None
+    agents_per_process: Annotated[int, Field(ge=1)] = 1
+    addresses: dict[str, str] = Field(default_factory=dict)
 
 
 class NetworkSection(Section):

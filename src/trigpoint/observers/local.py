@@ -12,9 +12,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from trigpoint.arrays import FloatArray, as_matrix, decode_array, encode_array, frozen, transition_and_integral
+from trigpoint.arrays import FloatArray, encode_array, frozen, propagate, transition_and_integral
 from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.observers.acceleration import accelerated, chebyshev_factor
+from trigpoint.observers.node_file import further, labelled, matrix
 
 KIND = "trigpoint/local-observer"
 VERSION = 2
@@ -138,9 +139,9 @@ class LocalObserver:
     def estimate(self, state: LocalState, readings: Mapping[int, FloatArray] | None = None) -> FloatArray:
         """The node's estimate (q,): ``readout z``, plus ``feedthrough`` of ``readings``; NaN where one is missing."""
         value = state.estimate if self.readout is None else self.readout @ state.estimate
-        for label, matrix in self.feedthrough:
+        for label, weight in self.feedthrough:
             reading = None if readings is None else readings.get(label)
-            value = value + (np.full(matrix.shape[0], np.nan) if reading is None else matrix @ reading)
+            value = value + (np.full(weight.shape[0], np.nan) if reading is None else weight @ reading)
         return value
 
     def emit(self, state: LocalState) -> Message:
@@ -194,6 +195,33 @@ class LocalObserver:
             value = accelerated(value, state.estimate, chebyshev_factor(state.sequence, self.acceleration))
         value.setflags(write=False)
         return LocalState(state.time + duration, state.sequence + 1, value)
+
+    def moved(
+        self, estimate: FloatArray, age: float, u: FloatArray | None = None, model: FloatArray | None = None
+    ) -> FloatArray:
+        """``e^{A age} z + int e^{A s} ds B u`` (n,): what the ``estimate`` z of ``age`` seconds ago has become by now.
+
+        Nothing corrects it on the way. A map (``discrete``) does not move between its steps, nor does anything for an
+        age of 0 or less.
+
+        Args:
+            estimate: z of this node, or of one whose dynamics are ``model``.
+            age: seconds.
+            u: the node's known input (m,), or None.
+            model: A of another node, which has no input here; None for the own.
+        """
+        if self.exchange == "discrete" or age <= 0.0:
+            return estimate
+        return propagate(self.A if model is None else model, estimate, age, None if u is None else self._drive(u))
+
+    def innovations(
+        self, state: LocalState, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
+    ) -> tuple[FloatArray | None, ...]:
+        """Of every arc ``sign y + C_j z_j - C z`` (p,), where ``state`` is z, ``inbox`` z_j and ``readings`` y.
+
+        None where something is missing.
+        """
+        return tuple(_innovation(arc, state.estimate, inbox, readings) for arc in self.arcs)
 
     def _drive(self, u: FloatArray | None) -> FloatArray:
         if u is None:
@@ -320,18 +348,18 @@ class LocalObserver:
         name, arcs = document.get("name"), document.get("arcs")
         if not isinstance(name, str) or not isinstance(arcs, list):
             raise ProtocolError("a node file needs the text 'name' and the list 'arcs'")
-        A = _matrix(document, "A", None, None)
+        A = matrix(document, "A", None, None)
         n = A.shape[0]
         if A.shape[1] != n or n == 0:
             raise ProtocolError(f"A must be square with at least one row; got {A.shape}")
-        B = None if document.get("B") is None else _matrix(document, "B", n, None)
-        readout = None if document.get("readout") is None else _matrix(document, "readout", None, n)
+        B = None if document.get("B") is None else matrix(document, "B", n, None)
+        readout = None if document.get("readout") is None else matrix(document, "readout", None, n)
         exchange, acceleration = document.get("exchange"), document.get("acceleration")
         if exchange not in EXCHANGES:
             raise ProtocolError(f"exchange must be one of {', '.join(EXCHANGES)}; got {exchange!r}")
         if acceleration is not None and not (type(acceleration) is float and 0.0 < acceleration < 1.0):
             raise ProtocolError(f"acceleration must be null or a number between 0 and 1; got {acceleration!r}")
-        feedthrough = tuple(_labelled(document, n if readout is None else readout.shape[0]))
+        feedthrough = tuple(labelled(document, n if readout is None else readout.shape[0]))
         return LocalObserver(name, A, B, tuple(_read_arcs(arcs, n)), readout, feedthrough, exchange, acceleration)
 
 
@@ -364,36 +392,8 @@ def _read_arcs(arcs: list[Any], n: int) -> Iterable[LocalArc]:
                 f"arcs[{position}] needs a whole number or null 'label', a text or null 'neighbour' and a 'sign' "
                 "of 1 or -1"
             )
-        gain = _matrix(entry, "gain", n, None)
+        gain = matrix(entry, "gain", n, None)
         p = gain.shape[1]
-        output = _matrix(entry, "output", p, n)
-        other = None if neighbour is None else _matrix(entry, "neighbour_output", p, None)
-        yield LocalArc(label, neighbour, float(sign), gain, output, other, tuple(_further(entry, position, p)))
-
-
-def _further(entry: Mapping[str, Any], position: int, p: int) -> Iterable[tuple[str, FloatArray]]:
-    for pair in _pairs(entry, "more"):
-        if not isinstance(pair[0], str):
-            raise ProtocolError(f"arcs[{position}]: 'more' must pair names with matrices; got {pair[0]!r}")
-        yield pair[0], _matrix({"more": pair[1]}, "more", p, None)
-
-
-def _labelled(document: Mapping[str, Any], rows: int) -> Iterable[tuple[int, FloatArray]]:
-    for pair in _pairs(document, "feedthrough"):
-        if type(pair[0]) is not int:
-            raise ProtocolError(f"'feedthrough' must pair labels with matrices; got {pair[0]!r}")
-        yield pair[0], _matrix({"feedthrough": pair[1]}, "feedthrough", rows, None)
-
-
-def _pairs(entry: Mapping[str, Any], key: str) -> list[list[Any]]:
-    pairs = entry.get(key)
-    if not isinstance(pairs, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
-        raise ProtocolError(f"{key!r} must be a list of pairs")
-    return pairs
-
-
-def _matrix(document: Mapping[str, Any], key: str, rows: int | None, columns: int | None) -> FloatArray:
-    try:
-        return as_matrix(key, decode_array(document.get(key), key), rows, columns)
-    except ArgumentError as error:
-        raise ProtocolError(str(error)) from error
+        output = matrix(entry, "output", p, n)
+        other = None if neighbour is None else matrix(entry, "neighbour_output", p, None)
+        yield LocalArc(label, neighbour, float(sign), gain, output, other, tuple(further(entry, position, p)))

@@ -71,10 +71,17 @@ class Run:
 
     @property
     def error_norm(self) -> FloatArray:
-        """(T,) Euclidean norm of the whole network's error; nodes that are away do not count."""
-        present = np.where((self.status == "away")[:, :, None], 0.0, self.error)
-        norm: FloatArray = np.sqrt((present**2).sum(axis=(1, 2)))
+        """(T,) Euclidean norm of the whole network's error; nodes that are away do not count.
+
+        NaN at a sample where the truth of a node that is not away is unknown.
+        """
+        with np.errstate(over="ignore"):  # a run that diverged has an infinite norm
+            norm: FloatArray = np.sqrt((self._present_error**2).sum(axis=(1, 2)))
         return norm
+
+    @property
+    def _present_error(self) -> FloatArray:
+        return np.where((self.status == "away")[:, :, None], 0.0, self.error)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in _SERIES:
@@ -87,38 +94,45 @@ class Run:
     def time_to(self, level: float) -> float | None:
         """First time after which the error norm stays at or below ``level`` (in the state's unit), or None.
 
-        Between two samples the logarithm of the norm is taken as a straight line.
+        Between two samples the logarithm of the norm is taken as a straight line. Samples without a known error are
+        left out.
         """
         norm = self.error_norm
+        known = ~np.isnan(norm)
+        times, norm = self.times[known], norm[known]
         above = np.flatnonzero(norm > level)
         if not above.size:
-            return float(self.times[0]) if self.times.size else None
+            return float(times[0]) if times.size else None
         last = int(above[-1])
         if last + 1 == norm.shape[0]:
             return None
         before, after = norm[last], max(norm[last + 1], np.finfo(float).tiny)
         share = np.log(before / level) / (np.log(before) - np.log(after)) if level > 0 else 1.0
-        return float(self.times[last] + share * (self.times[last + 1] - self.times[last]))
+        return float(times[last] + share * (times[last + 1] - times[last]))
 
     def measured_decay_rate(self) -> float | None:
         """Slope of -log(error norm), 1/s, over the later half of the samples that are clear of the floor.
 
         Where the error has settled at a value that is not zero (readings that contradict each other, noise), the
-        distance from that value is taken. None where fewer than three samples are left.
+        distance from that value is taken. Samples without a known error are left out. None where fewer than three
+        samples are left.
         """
         norm = self.error_norm
-        scale = np.abs(self.truth).max(initial=0.0) * np.sqrt(self.truth[0].size) + norm.max(initial=0.0)
+        known = np.isfinite(norm)
+        times, norm, error = self.times[known], norm[known], self._present_error[known]
+        size = np.sqrt(self.truth.shape[1] * self.truth.shape[2])
+        scale = np.abs(self.truth[np.isfinite(self.truth)]).max(initial=0.0) * size + norm.max(initial=0.0)
         floor = 1e-11 * scale
         tail = max(1, norm.shape[0] // 10)
         if norm.shape[0] >= 20 and floor < norm[-tail] <= 1.05 * norm[-1] and norm[-1] <= 0.1 * norm[0]:
-            rest = self.error - self.error[-tail:].mean(axis=0)
+            rest = error - error[-tail:].mean(axis=0)
             norm = np.sqrt((rest**2).sum(axis=(1, 2)))
             floor = max(floor, 1e-4 * norm[0], 10.0 * float(np.median(norm[-tail:])))
         usable = np.flatnonzero(norm > floor)
         usable = usable[usable.shape[0] // 2 :]
-        if usable.shape[0] < 3 or np.ptp(self.times[usable]) == 0.0:
+        if usable.shape[0] < 3 or np.ptp(times[usable]) == 0.0:
             return None
-        return float(-np.polyfit(self.times[usable], np.log(norm[usable]), 1)[0])
+        return float(-np.polyfit(times[usable], np.log(norm[usable]), 1)[0])
 
     @property
     def dataset(self) -> Any:

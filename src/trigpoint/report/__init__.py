@@ -13,8 +13,10 @@ from trigpoint.report.figures import (
     error_figure,
     network_figure,
     pictures_figure,
+    series_figure,
     trajectory_figure,
 )
+from trigpoint.report.live_page import live_page
 from trigpoint.report.page import Figure, Page, Section, Table, render
 from trigpoint.report.run_page import run_page
 
@@ -29,10 +31,12 @@ __all__ = [
     "connectivity_figure",
     "curves_figure",
     "error_figure",
+    "live_page",
     "network_figure",
     "node_positions",
     "pictures_figure",
     "render",
     "run_page",
+    "series_figure",
     "trajectory_figure",
 ]

@@ -6,6 +6,7 @@ from trigpoint.report._error import error_figure
 from trigpoint.report._network import network_figure
 from trigpoint.report._run import connectivity_figure, trajectory_figure
 from trigpoint.report._scene import Scene
+from trigpoint.report._series import series_figure
 
 __all__ = [
     "ANIMATIONS",
@@ -16,5 +17,6 @@ __all__ = [
     "error_figure",
     "network_figure",
     "pictures_figure",
+    "series_figure",
     "trajectory_figure",
 ]

@@ -1,36 +1,75 @@
-"""One node as a process: ``python -m trigpoint.runtime NODE.json [START]``, frames on standard input and output."""
+"""``python -m trigpoint.runtime node SETTINGS.json ...`` runs nodes in this process, ``plant PLANT.json`` a plant.
+
+With ``--tied`` the process ends when its standard input does.
+"""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from trigpoint.errors import TrigpointError
-from trigpoint.runtime.codec import Kind, read_frame, write_frame
-from trigpoint.runtime.node import NodeProgram, read_node_file, start_value
+from trigpoint.runtime.access import guest_rules
+from trigpoint.runtime.clock import SystemClock, new_epoch
+from trigpoint.runtime.host import Host, Member
+from trigpoint.runtime.machine import NodeMachine
+from trigpoint.runtime.plant import PlantLoop, PlantSettings, read_plant
+from trigpoint.runtime.settings import NodeSettings, read_settings
+from trigpoint.runtime.transport import Transport
+from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
+
+_USAGE = "expected: python -m trigpoint.runtime [node SETTINGS.json ... | plant PLANT.json] [--tied]"
 
 
-def main(arguments: list[str]) -> int:
-    """Announce the first estimate, then answer frames until the stream ends or says stop."""
-    if len(arguments) not in (1, 2):
-        print("usage: python -m trigpoint.runtime NODE.json [START]", file=sys.stderr)
-        return 2
+def main(arguments: Sequence[str]) -> int:
+    """Run what the ``arguments`` say; 0 after an orderly end, 2 for misuse."""
+    tied = "--tied" in arguments
+    kind, *files = [text for text in arguments if text != "--tied"] or [""]
     try:
-        program = NodeProgram(read_node_file(Path(arguments[0])), start_value(arguments[1] if arguments[1:] else None))
-        source, sink = sys.stdin.buffer, sys.stdout.buffer
-        write_frame(sink, program.greeting())
-        sink.flush()
-        while (frame := read_frame(source)) is not None and frame.kind is not Kind.STOP:
-            for answer in program.receive(frame):
-                write_frame(sink, answer)
-                sink.flush()
-    except BrokenPipeError:  # whoever started this node has left
-        sys.stdout = None  # nothing is left to flush to
-        return 0
+        if kind == "node" and files:
+            run_nodes([(read_settings(Path(file)), Path(file)) for file in files], tied=tied)
+        elif kind == "plant" and len(files) == 1:
+            run_plant(read_plant(Path(files[0])), tied=tied)
+        else:
+            print(_USAGE, file=sys.stderr)
+            return 2
     except TrigpointError as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
+        print(f"error: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def run_nodes(nodes: Sequence[tuple[NodeSettings, Path | None]], *, tied: bool) -> None:
+    """Run the ``nodes`` (their settings, and the file to read them again from) until told to stop, or ``tied``."""
+    clock, members = SystemClock(), []
+    for settings, path in nodes:
+        machine = NodeMachine(settings, epoch=new_epoch(), now=clock.now())
+        members.append(Member(machine, open_transport, None if path is None else partial(read_settings, path)))
+    host = Host(members, clock)
+    host.run(tied=tied)
+    if host.dropped:
+        print(f"{host.dropped} frames were dropped: they came faster than they could be looked at", file=sys.stderr)
+
+
+def run_plant(settings: PlantSettings, *, tied: bool) -> None:
+    """Run the plant of these ``settings`` until told to stop, or ``tied`` until standard input ends."""
+    transport = plant_transport(settings)
+    try:
+        PlantLoop(settings, transport, SystemClock(), epoch=new_epoch()).run(tied=tied)
+    finally:
+        transport.close()
+
+
+def plant_transport(settings: PlantSettings) -> Transport:
+    """The links of a plant: to the nodes of its ``settings``, and to whoever watches."""
+    rules = None
+    if settings.identity is not None:
+        shown = {name for name, _ in settings.shows}
+        roles = {name: "node" if name in shown else "supervisor" for name in settings.peers}
+        rules = guest_rules(settings.network, "sensor", roles)
+    return ZenohTransport(settings.listen, list(settings.peers.values()), identity=settings.identity, rules=rules)
 
 
 if __name__ == "__main__":

@@ -1,37 +1,63 @@
 """Frames on the wire: fixed little-endian, versioned, with strict limits. Bytes are never unpickled.
 
-Layout: ``TP``, version (u8), kind (u8), length of the sender's name in bytes (u16), number of values (u16), sequence
-(u64), time in seconds (f64), the name (UTF-8), the values (f64 each). On a stream a frame follows its length (u32).
+Layout of the head (32 bytes): ``TP``, version (u8), kind (u8), length of the sender's name in bytes (u16), number of
+values (u16), epoch (u64), sequence (u64), time in seconds (f64). Then the name (UTF-8), the facts of the kind (f64
+each, as many as ``FACTS`` lists for it), the values (f64 each).
 """
 
 from __future__ import annotations
 
+import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import BinaryIO
 
 import numpy as np
 
 from trigpoint.arrays import FloatArray, frozen
 from trigpoint.errors import ProtocolError
 
-VERSION = 1
+VERSION = 2
 _MAGIC = b"TP"
-_HEAD = struct.Struct("<2sBBHHQd")
-_LENGTH = struct.Struct("<I")
+_HEAD = struct.Struct("<2sBBHHQQd")
 _LONGEST_NAME = 1024
 _MOST_VALUES = 4096
-LARGEST_FRAME = _HEAD.size + _LONGEST_NAME + 8 * _MOST_VALUES
 
 
 class Kind(IntEnum):
     """What a frame says."""
 
-    ESTIMATE = 1
-    READING = 2
-    STEP = 3
-    STOP = 4
+    HELLO = 1
+    BYE = 2
+    ESTIMATE = 3
+    READING = 4
+    STATUS = 5
+    PING = 6
+    PONG = 7
+    TRUTH = 8
+    CONTROL = 9
+
+
+FACTS: dict[Kind, tuple[str, ...]] = {
+    Kind.HELLO: (),
+    Kind.BYE: (),
+    Kind.ESTIMATE: ("hops", "evidence", "broken", "uncertainty"),
+    Kind.READING: ("label",),
+    Kind.STATUS: (),
+    Kind.PING: (),
+    Kind.PONG: ("asked", "received"),
+    Kind.TRUTH: (),
+    Kind.CONTROL: ("order",),
+}
+"""Names of the numbers that stand before a frame's values, by kind."""
+
+_TOLD = {int(kind): (kind, len(facts)) for kind, facts in FACTS.items()}
+_FORMATS = tuple(f"<{count}d" for count in range(1 + max(len(facts) for facts in FACTS.values())))
+_FEW = 32
+
+LARGEST_FRAME = _HEAD.size + _LONGEST_NAME + 8 * (max(len(facts) for facts in FACTS.values()) + _MOST_VALUES)
+
+_NOTHING = frozen(np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +66,30 @@ class Frame:
 
     Attributes:
         kind: what it says.
-        sender: name of the node that sent it; empty for the supervisor.
-        sequence: number of an estimate, or the arc of a reading.
-        time: seconds: when an estimate was made, or how long a step takes.
-        values: the estimate, or the reading; empty for a step.
+        sender: name of the node, or of the sensor, that sent it.
+        epoch: when the sender's process started, nanoseconds since 1970: a restarted sender counts from 0 again.
+        sequence: number of the frame among the sender's frames of this kind and epoch.
+        time: seconds by the sender's clock: what the values are for.
+        facts: the numbers that ``FACTS`` lists for the kind, in that order.
+        values: estimate, reading, truth or status; empty for others.
     """
 
     kind: Kind
     sender: str
+    epoch: int
     sequence: int
     time: float
-    values: FloatArray
+    facts: tuple[float, ...] = ()
+    values: FloatArray = field(default_factory=lambda: _NOTHING)
+
+    @property
+    def age_key(self) -> tuple[int, int]:
+        """Frames of one sender and kind are ordered by it."""
+        return self.epoch, self.sequence
+
+    def fact(self, name: str) -> float:
+        """The fact called ``name``."""
+        return self.facts[FACTS[self.kind].index(name)]
 
 
 def encode_frame(frame: Frame) -> bytes:
@@ -62,54 +101,50 @@ def encode_frame(frame: Frame) -> bytes:
     values = np.ascontiguousarray(frame.values, dtype="<f8")
     if len(name) > _LONGEST_NAME or values.ndim != 1 or values.shape[0] > _MOST_VALUES:
         raise ProtocolError(f"a frame holds at most {_LONGEST_NAME} bytes of name and {_MOST_VALUES} values")
-    if not 0 <= frame.sequence < 2**64:
-        raise ProtocolError(f"a frame's sequence must fit 64 bits; got {frame.sequence}")
-    if not np.isfinite(values).all() or not np.isfinite(frame.time):
+    if not (0 <= frame.sequence < 2**64 and 0 <= frame.epoch < 2**64):
+        raise ProtocolError(f"sequence and epoch must fit 64 bits; got {frame.sequence} and {frame.epoch}")
+    if len(frame.facts) != len(FACTS[frame.kind]):
+        raise ProtocolError(f"{frame.kind.name} has the facts {FACTS[frame.kind]}; got {len(frame.facts)} numbers")
+    if not (math.isfinite(frame.time) and all(map(math.isfinite, frame.facts)) and _all_finite(values)):
         raise ProtocolError("a frame's numbers must be finite")
     head = _HEAD.pack(
-        _MAGIC, VERSION, int(frame.kind), len(name), values.shape[0], frame.sequence, float(frame.time)
+        _MAGIC, VERSION, int(frame.kind), len(name), values.shape[0], frame.epoch, frame.sequence, float(frame.time)
     )  # fmt: skip
-    return head + name + values.tobytes()
+    return head + name + struct.pack(_FORMATS[len(frame.facts)], *frame.facts) + values.tobytes()
 
 
 def decode_frame(data: bytes) -> Frame:
     """Read one frame from ``data``; anything malformed is a ``ProtocolError`` that says what is wrong."""
-    if len(data) < _HEAD.size:
-        raise ProtocolError(f"a frame has at least {_HEAD.size} bytes; got {len(data)}")
-    magic, version, kind, name_length, count, sequence, time = _HEAD.unpack_from(data)
+    if not _HEAD.size <= len(data) <= LARGEST_FRAME:
+        raise ProtocolError(f"a frame has {_HEAD.size} to {LARGEST_FRAME} bytes; got {len(data)}")
+    magic, version, kind, name_length, count, epoch, sequence, time = _HEAD.unpack_from(data)
     if magic != _MAGIC or version != VERSION:
         raise ProtocolError(f"expected protocol {_MAGIC!r} version {VERSION}; got {magic!r} version {version}")
-    if kind not in Kind.__members__.values():
+    if kind not in _TOLD:
         raise ProtocolError(f"unknown kind of frame {kind}")
-    if name_length > _LONGEST_NAME or count > _MOST_VALUES or len(data) != _HEAD.size + name_length + 8 * count:
+    kind, told = _TOLD[kind]
+    if (
+        name_length > _LONGEST_NAME
+        or count > _MOST_VALUES
+        or len(data) != _HEAD.size + name_length + 8 * (told + count)
+    ):
         raise ProtocolError(f"the frame's length {len(data)} does not fit its head")
     try:
         sender = data[_HEAD.size : _HEAD.size + name_length].decode("utf-8")
     except UnicodeDecodeError as error:
         raise ProtocolError("the sender's name is not UTF-8") from error
-    values = frozen(np.frombuffer(data, dtype="<f8", offset=_HEAD.size + name_length))
-    if not np.isfinite(values).all() or not np.isfinite(time):
+    start = _HEAD.size + name_length
+    facts = struct.unpack_from(_FORMATS[told], data, start)
+    values = _NOTHING
+    if count:
+        values = np.frombuffer(data, "<f8", count, start + 8 * told).astype(np.float64)
+        values.setflags(write=False)
+    if not (math.isfinite(time) and all(map(math.isfinite, facts)) and _all_finite(values)):
         raise ProtocolError("a frame's numbers must be finite")
-    return Frame(Kind(kind), sender, sequence, time, values)
+    return Frame(kind, sender, epoch, sequence, time, facts, values)
 
 
-def write_frame(stream: BinaryIO, frame: Frame) -> None:
-    """Write one frame after its length."""
-    data = encode_frame(frame)
-    stream.write(_LENGTH.pack(len(data)) + data)
-
-
-def read_frame(stream: BinaryIO) -> Frame | None:
-    """Read one frame, or None at the end of the stream; a truncated one is a ``ProtocolError``."""
-    head = stream.read(_LENGTH.size)
-    if not head:
-        return None
-    if len(head) < _LENGTH.size:
-        raise ProtocolError("the stream ends inside a frame's length")
-    (length,) = _LENGTH.unpack(head)
-    if length > LARGEST_FRAME:
-        raise ProtocolError(f"a frame of {length} bytes exceeds the limit of {LARGEST_FRAME}")
-    data = stream.read(length)
-    if len(data) < length:
-        raise ProtocolError("the stream ends inside a frame")
-    return decode_frame(data)
+def _all_finite(values: FloatArray) -> bool:
+    if values.shape[0] <= _FEW:  # faster so
+        return all(map(math.isfinite, values.tolist()))
+    return bool(np.isfinite(values).all())

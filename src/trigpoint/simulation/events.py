@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from trigpoint.arrays import BoolArray, FloatArray, frozen, transition_and_integral
+from trigpoint.arrays import BoolArray, FloatArray, frozen
 from trigpoint.observers.assembled import AssembledObserver
 from trigpoint.observers.local import LocalObserver, LocalState, Message
 from trigpoint.simulation.channel import Channel, Trigger
@@ -44,6 +44,11 @@ class _Node:
     last_sent: Message | None = None
     away: bool = False
     place: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def known(self) -> FloatArray | None:
+        """The input that it can use: None where it has no B."""
+        return None if self.program.B is None else self.told
 
     def at(self, time: float) -> LocalState:
         """Its state at the true ``time``, from what it knew at its last act."""
@@ -161,7 +166,7 @@ class EventRun:
         if motion is None or not motion.known or node.away or time <= node.last_act:
             return state
         now = self._observer.channels.targets[node.index] @ self._truth
-        free = _moved(node.program, node.told, node.place, time - node.last_act)
+        free = node.program.moved(node.place, time - node.last_act, node.known)
         return LocalState(state.time, state.sequence, frozen(state.estimate + now - free))
 
     def _factors_of(self, duration: float) -> list[FloatArray]:
@@ -228,7 +233,7 @@ class EventRun:
         assert picture is not None  # asked before
         value = picture.estimate
         if self._channel.old == "propagate":
-            value = _moved(node.program, node.told, value, message.time - picture.time)
+            value = node.program.moved(value, message.time - picture.time, node.known)
         gap = float(np.linalg.norm(message.estimate - value))
         return gap > trigger.size * float(np.exp(-trigger.rate * time))
 
@@ -262,7 +267,7 @@ class EventRun:
                 continue
             if channel.old == "propagate" and age > 0.0:
                 sender = self._nodes[self._position[name]]
-                value = _moved(sender.program, sender.told, message.estimate, age)
+                value = sender.program.moved(message.estimate, age, sender.known)
                 message = Message(message.sender, message.sequence, now, frozen(value))
             found[name] = message
         return found
@@ -281,15 +286,3 @@ class EventRun:
     def _counts(self) -> list[list[int]]:
         count = range(len(self._nodes))
         return [[table.get(k, 0) for k in count] for table in (self._wire.sent, self._wire.delivered, self._wire.bytes)]
-
-
-def _moved(program: LocalObserver, told: FloatArray | None, value: FloatArray, age: float) -> FloatArray:
-    """``e^{A age} z + int e^{A s} ds B u``: the sender's model over the age of its message."""
-    if program.exchange == "discrete" or age <= 0.0:
-        return value
-    drive = None if told is None or program.B is None else program.B @ told
-    if drive is None and not program.A.any():
-        return value
-    transition, integral = transition_and_integral(program.A, age)
-    moved = transition @ value
-    return np.asarray(moved if drive is None else moved + integral @ drive)

@@ -1,0 +1,281 @@
+"""A live run while it goes on, and what is said about it afterwards."""
+
+from __future__ import annotations
+
+import re
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from trigpoint.arrays import FloatArray
+from trigpoint.errors import ArgumentError, FileFormatError
+from trigpoint.observers import AssembledObserver, Run
+from trigpoint.observers.aged import aged_decay_rate
+from trigpoint.runtime.access import guest_rules
+from trigpoint.runtime.clock import SystemClock
+from trigpoint.runtime.codec import Kind
+from trigpoint.runtime.log import LogWriter
+from trigpoint.runtime.monitor import Monitor, Snapshot
+from trigpoint.runtime.plan import LivePlan
+from trigpoint.runtime.supervisor import Supervisor, Usage
+from trigpoint.runtime.zenoh_link import ZenohTransport
+
+_TICK = 0.02
+_SAMPLE, _MOST_SAMPLES = 0.05, 4000
+_DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(ms|s|min|h)")
+_UNITS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+def seconds_of(text: str) -> float:
+    """``text`` such as 20s, 500ms, 2min or 1.5h in seconds."""
+    found = _DURATION.fullmatch(text.strip())
+    value = float(found[1]) * _UNITS[found[2]] if found else 0.0
+    if not (np.isfinite(value) and value > 0.0):
+        raise ArgumentError(
+            f"got {text!r} for a duration; expected a positive number and ms, s, min or h: 20s, 500ms, 2min"
+        )
+    return value
+
+
+class Recorder:
+    """Samples of a run: every node's truth and estimate, from the first moment that all were known.
+
+    Twice the time between samples is taken, and every other sample forgotten, whenever ``most`` are reached.
+    """
+
+    def __init__(self, names: tuple[str, ...], every: float = _SAMPLE, most: int = _MOST_SAMPLES) -> None:
+        self._names, self._every, self._most = names, every, most
+        self._rows: list[tuple[float, FloatArray, FloatArray]] = []
+        self._due = 0.0
+
+    def take(self, snapshot: Snapshot) -> None:
+        """Keep ``snapshot`` if it is time and everything is known."""
+        if snapshot.time < self._due or any(value is None for value in (*snapshot.estimate, *snapshot.truth)):
+            return
+        self._due = snapshot.time + self._every
+        self._rows.append((snapshot.time, _table(snapshot.truth), _table(snapshot.estimate)))
+        if len(self._rows) >= self._most:
+            self._rows, self._every = self._rows[::2], 2.0 * self._every
+
+    def run(self) -> Run | None:
+        """The samples as a ``Run``; None where there are none."""
+        if not self._rows:
+            return None
+        times, truth, estimate = (np.array(column) for column in zip(*self._rows, strict=True))
+        shape = truth.shape[:2]
+        sent, status = np.zeros(shape, dtype=np.int64), np.full(shape, "anchored")
+        return Run(times, truth, estimate, sent, status, self._names, "live")
+
+
+def _table(rows: tuple[FloatArray | None, ...]) -> FloatArray:
+    known = [row for row in rows if row is not None]
+    table = np.zeros((len(known), max(row.shape[0] for row in known)))
+    for k, row in enumerate(known):
+        table[k, : row.shape[0]] = row
+    return table
+
+
+@dataclass(eq=False)
+class LiveRun:
+    """Everything that belongs to one run in this process.
+
+    Attributes:
+        plan: what runs.
+        log: where every frame goes, or None.
+    """
+
+    plan: LivePlan
+    log: LogWriter | None
+    clock: SystemClock = field(default_factory=SystemClock)
+    trouble: str | None = None
+    closing: bool = False
+
+    def __post_init__(self) -> None:
+        """Open the links; nothing runs yet."""
+        plan = self.plan
+        roles = dict.fromkeys(plan.names, "node")
+        if plan.plant is not None:
+            roles[plan.plant.name] = "sensor"
+        rules = None if plan.identity is None else guest_rules(plan.network, "supervisor", roles)
+        self.transport = ZenohTransport(
+            plan.listen, [node.listen for node in plan.nodes], identity=plan.identity, rules=rules
+        )
+        programs = [node.program for node in plan.nodes]
+        self.monitor = Monitor(self.transport, plan.network, programs, self.clock, plan.motions)
+        self.supervisor = Supervisor(plan, self.clock, self.transport)
+        self.recorder = Recorder(plan.names)
+        self._told = 0
+        if self.log is not None:
+            self.keep(self.log)
+
+    def keep(self, log: LogWriter) -> None:
+        """Write every frame and event to ``log`` from now on."""
+        self.log = log
+        self.monitor.hooks.append(self._write)
+
+    def follow(self, duration: float | None, show: Callable[[Snapshot], None]) -> Snapshot:
+        """Start everything, run for ``duration`` seconds or until a signal, end everything; the last snapshot.
+
+        ``show`` is called ten times a second or so.
+        """
+        with ended_by_signals() as ended:
+            self.supervisor.start()
+            try:
+                limit = None if duration is None else self.clock.now() + duration
+                shown = 0.0
+                while not ended.is_set() and (limit is None or self.clock.now() < limit):
+                    began = time.monotonic()
+                    self.step()
+                    snapshot = self.monitor.snapshot()
+                    self.recorder.take(snapshot)
+                    if snapshot.time - shown >= 0.1:
+                        show(snapshot)
+                        shown = snapshot.time
+                    ended.wait(max(0.0, began + _TICK - time.monotonic()))
+                self.step()
+                return self.monitor.snapshot()
+            finally:
+                self.close()
+
+    def step(self) -> None:
+        """Take in what has arrived and look after the processes."""
+        self.monitor.poll()
+        self.supervisor.tick()
+        self._log_events()
+
+    def close(self) -> None:
+        """End the processes, then the links, then the log, which gets the goodbyes, too."""
+        self.closing = True
+        self.supervisor.stop()
+        self.monitor.poll()
+        self._log_events()
+        self.transport.close()
+        if self.log is not None:
+            try:
+                self.log.close()
+            except FileFormatError as error:
+                self.trouble = self.trouble or str(error)
+
+    def _write(self, frame: Any, received: float) -> None:
+        """A log that fails ends the logging, not the run."""
+        if self.log is None or self.trouble is not None:
+            return
+        try:
+            self.log.write(frame, received)
+        except FileFormatError as error:
+            self.trouble = str(error)
+
+    def _log_events(self) -> None:
+        events = self.supervisor.events
+        while self._told < len(events):
+            moment, node, text = events[self._told]
+            self._told += 1
+            if self.log is not None and self.trouble is None:
+                self.log.event(text, node, time=moment)
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set while the block runs, instead of ending the program."""
+    ended = threading.Event()
+
+    def end(_: int, __: FrameType | None) -> None:
+        ended.set()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield ended
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict[str, Any]:
+    """The JSON object of ``run``."""
+    plan, statuses = live.plan, [status for status in last.status if status is not None]
+    run = live.recorder.run()
+    age, reading_age = ages(live)
+    usage = live.supervisor.usage()
+    lasted = max(last.time, 1e-9)
+    limit = 1.0 + 5.0 * plan.nodes[0].period
+    norms = None if run is None else run.error_norm
+    size = None if run is None else float(np.linalg.norm(run.truth[-1]))
+    return {
+        "nodes": len(plan.names),
+        "processes": len(plan.groups),
+        "rate": 1.0 / plan.nodes[0].period,
+        "seconds": last.time,
+        "decay_rate_measured": None if run is None else run.measured_decay_rate(),
+        "decay_rate_predicted": _predicted(live, observer),
+        "decay_rate": plan.nodes[0].decay_rate,
+        "message_age": age,
+        "reading_age": reading_age,
+        "initial_error": None if norms is None else float(norms[0]),
+        "final_error": None if norms is None else float(norms[-1]),
+        "relative_error": None if norms is None or not size else float(norms[-1]) / size,
+        "heard": int(np.isfinite(last.age).sum()),
+        "anchored": sum(status.anchored for status in statuses),
+        "covered": sum(status.covered for status in statuses),
+        "dead": list(live.supervisor.dead_before_the_end),
+        "silent": [name for name, age in zip(plan.names, last.age, strict=True) if not age < limit],
+        "restarts": live.supervisor.restarts,
+        "acts": sum(status.acts for status in statuses),
+        "missed": sum(status.missed for status in statuses),
+        "step_us": float(np.mean([status.step_us for status in statuses])) if statuses else None,
+        "frames": live.monitor.received,
+        "bytes": live.monitor.received_bytes,
+        "cpu_per_node": _nodes_cpu(usage, plan) / len(plan.names) / lasted,
+        "memory_per_process": float(np.mean([one.memory for one in usage[: len(plan.groups)]])),
+        "memory": float(sum(one.memory for one in usage)),
+        "warnings": [status.warning for status in statuses if status.warning],
+    }
+
+
+def ages(live: LiveRun) -> tuple[float, float]:
+    """Average age of a message and of a reading when it is used [s].
+
+    Half a period, plus the median time from the instant that a frame is for to its arrival, as the monitor sees it.
+    Of two nodes with equal periods one hears the other's message a part p of a period after its instant, and the other
+    the one's after 1 - p: half a period on average, whatever the phases. For readings it is the mean over the phases.
+    """
+    half = 0.5 * live.plan.nodes[0].period
+    return half + live.monitor.lateness(Kind.ESTIMATE), half + live.monitor.lateness(Kind.READING)
+
+
+def _predicted(live: LiveRun, observer: AssembledObserver) -> float | None:
+    """The rate with these ages; taken as they are, old values leave a floor instead (policy ``use``)."""
+    node = live.plan.nodes[0]
+    age, reading_age = ages(live)
+    if max(age, reading_age) > 16.0 * node.period:
+        return None
+    return aged_decay_rate(observer, node.period, age, reading_age if node.old == "propagate" else 0.0)
+
+
+def _nodes_cpu(usage: tuple[Usage, ...], plan: LivePlan) -> float:
+    return sum(one.cpu for one in usage[: len(plan.groups)])
+
+
+def holds(facts: dict[str, Any]) -> bool:
+    """Whether every node ran, was heard and was anchored at the end."""
+    return not facts["dead"] and not facts["silent"] and facts["anchored"] == facts["nodes"]
+
+
+def log_of(plan: LivePlan, path: Path) -> LogWriter:
+    """The log of a run, with what describes it."""
+    attributes = {
+        "anchor_timeout": plan.nodes[0].anchor_timeout,
+        "period": plan.nodes[0].period,
+        "guaranteed_rate": plan.nodes[0].decay_rate,
+        "stale": plan.nodes[0].stale,
+        "hears": {node.name: list(node.program.hears) for node in plan.nodes},
+        "anchors": [node.name for node in plan.nodes if any(not arc.heard for arc in node.program.arcs)],
+    }
+    return LogWriter(path, network=plan.network, names=plan.names, attributes=attributes)

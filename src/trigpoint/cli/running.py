@@ -1,0 +1,240 @@
+"""``trigpoint run`` and ``trigpoint node``: the network as real processes."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.live import Live
+from rich.table import Table
+
+from trigpoint.analysis import diagnose
+from trigpoint.cli.choices import method_of
+from trigpoint.cli.compose import changed, part_of, read_any
+from trigpoint.cli.live import LiveRun, facts_of, holds, log_of, seconds_of
+from trigpoint.cli.live_plan import Design, Places, ignored_troubles, plan_of
+from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, guarded, notice
+from trigpoint.cli.watching import watched
+from trigpoint.errors import ArgumentError
+from trigpoint.io.sections import RunSection
+from trigpoint.methods import design
+from trigpoint.runtime.__main__ import run_nodes
+from trigpoint.runtime.endpoints import is_local, parse_address, require_safe
+from trigpoint.runtime.monitor import Snapshot
+from trigpoint.runtime.plan import LivePlan
+from trigpoint.runtime.settings import read_settings
+
+For = Annotated[str | None, typer.Option("--for", help="How long: 20s, 500ms, 2min; until Ctrl-C if absent.")]
+Rate = Annotated[float | None, typer.Option("--rate", help="Exchanges a second (Hz).")]
+Kind = Annotated[str | None, typer.Option("--transport", help="unixsock, tcp, udp, tls or quic.")]
+PerProcess = Annotated[int | None, typer.Option("--agents-per-process", help="Nodes that share a process (1).")]
+Prepare = Annotated[Path | None, typer.Option("--prepare", help="Write the settings to this folder and run nothing.")]
+Plain = Annotated[bool, typer.Option("--allow-plain", help="Allow plain text on addresses beyond this machine.")]
+
+
+@guarded
+def run_command(
+    file: Input,
+    duration: For = None,
+    rate: Rate = None,
+    transport: Kind = None,
+    agents_per_process: PerProcess = None,
+    prepare: Prepare = None,
+    allow_plain: Plain = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Show the run on a page for the browser.")] = False,
+    port: Annotated[int, typer.Option("--port", help="Port of that page, on 127.0.0.1.")] = 8765,
+    out: Out = None,
+    as_json: Json = False,
+) -> int:
+    """Run the network: one process a node, talking to its neighbours only; the plant is simulated beside them.
+
+    Writes run.mcap beside the scenario, or with --out DIR there, together with settings, outputs and status.json.
+    Ctrl-C ends it in order. Exit code 1: a node did not run, was not heard, or was not anchored, at the end.
+    """
+    seconds = None if duration is None else seconds_of(duration)
+    given = read_any(file)
+    section = changed_run(
+        given.run, rate=rate, transport=transport, agents_per_process=agents_per_process
+    )  # fmt: skip
+    choices = changed(given.design)
+    part = part_of(given, choices)
+    diagnosis = diagnose(part.problem)
+    if diagnosis.detectable is False:
+        notice(f"no observer exists:\n{diagnosis.summary()}")
+        if as_json:
+            emit({"nodes": None, "decay_rate_measured": None, "final_error": None, "anchored": None})
+        return FAILS
+    designed = Design(given, part, choices, design(part.problem, method_of(choices, part.problem)))
+    _say_what_is_ignored(designed)
+    with _places(out if prepare is None else prepare, allow_plain) as places:
+        plan = plan_of(designed, section, places)
+        _warn_of_plain_text(plan)
+        if prepare is not None:
+            return _prepared(plan, as_json)
+        log = (file.parent if out is None else out) / "run.mcap"
+        live = LiveRun(plan, None)
+        live.keep(log_of(plan, log))  # only now: where the links cannot be opened, no log is left behind
+        with watched(live, port if watch else None), _shown(live, as_json) as show:
+            last = live.follow(seconds, show)
+        facts = facts_of(live, last, designed.programs)
+    for name in dict.fromkeys([*facts["dead"], *facts["silent"]]):
+        notice(f"node {name} was not heard at the end; {live.supervisor.reason(name) or 'its process runs'}")
+    if live.trouble is not None:
+        notice(f"the log ends early: {live.trouble}")
+    if as_json:
+        emit({**facts, "log": str(log)})
+    else:
+        _summarize(facts, log)
+    return HOLDS if holds(facts) and live.trouble is None else FAILS
+
+
+@guarded
+def node_command(
+    files: Annotated[list[Path], typer.Argument(help="Settings of nodes, written by run --prepare.")],
+    listen: Annotated[str | None, typer.Option("--listen", help="Listen on this address instead.")] = None,
+    peer: Annotated[list[str] | None, typer.Option("--peer", help="NAME=ADDRESS of a neighbour to connect to.")] = None,
+    allow_plain: Plain = False,
+) -> int:
+    """Run one node on its own host (or several in one process), until SIGTERM or Ctrl-C; SIGHUP reads the files again.
+
+    The node finds its neighbours at the addresses in its settings; --listen and --peer replace them.
+    """
+    peers = dict(_pair(text) for text in peer or [])
+    nodes = []
+    for file in files:
+        settings = read_settings(file)
+        strangers = sorted(set(peers) - set(settings.program.hears) - set(settings.peers))
+        if strangers:
+            raise ArgumentError(f"--peer names {strangers[0]!r}, no neighbour of {settings.name!r}")
+        if listen is not None and len(files) > 1:
+            raise ArgumentError("--listen is one address; give one file with it")
+        settings = replace(
+            settings, listen=settings.listen if listen is None else listen, peers={**settings.peers, **peers}
+        )  # fmt: skip
+        for address in (settings.listen, *settings.peers.values()):
+            if address:
+                require_safe(address, settings.identity, allow_plain=allow_plain)
+                _warn_of(address)
+        changed_here = listen is not None or bool(peers)
+        nodes.append((settings, None if changed_here else file))
+    run_nodes(nodes, tied=False)
+    return HOLDS
+
+
+def changed_run(section: RunSection, **options: object) -> RunSection:
+    """The run section with the command line's own options, checked like a file's."""
+    given = {key: value for key, value in options.items() if value is not None}
+    try:
+        return RunSection.model_validate({**section.model_dump(exclude_none=True), **given})
+    except ValueError as error:
+        first = getattr(error, "errors", list)()[0]
+        option = "--" + str(first["loc"][0]).replace("_", "-")
+        expected = first["msg"].removeprefix("Input should be ")
+        raise ArgumentError(f"{option}: got {first['input']!r}, expected {expected}") from error
+
+
+def _pair(text: str) -> tuple[str, str]:
+    name, equals, address = text.rpartition("=")
+    if not equals or not name:
+        raise ArgumentError(f"--peer: got {text!r}, expected NAME=ADDRESS")
+    parse_address(address)
+    return name, address
+
+
+@contextmanager
+def _places(out: Path | None, allow_plain: bool) -> Iterator[Places]:
+    """The run's folders; socket files lie in a short temporary one, since their paths may not be long."""
+    sockets = Path(tempfile.mkdtemp(prefix="trigpoint-"))
+    try:
+        folder = sockets / "run" if out is None else out
+        folder.mkdir(parents=True, exist_ok=True)
+        (sockets / "watch").mkdir()
+        yield Places(folder.absolute(), sockets, allow_plain)
+    finally:
+        shutil.rmtree(sockets, ignore_errors=True)
+
+
+def _prepared(plan: LivePlan, as_json: bool) -> int:
+    plan.write()
+    files = {node.name: str(plan.settings_file(k)) for k, node in enumerate(plan.nodes)}
+    if as_json:
+        emit({"nodes": files, "plant": str(plan.plant_file)})
+    else:
+        screen = console()
+        for node in plan.nodes:
+            screen.print(f"{node.name}: trigpoint node {files[node.name]}   (listens on {node.listen})")
+        screen.print(f"plant: python -m trigpoint.runtime plant {plan.plant_file}")
+    return HOLDS
+
+
+def _say_what_is_ignored(designed: Design) -> None:
+    keys = ignored_troubles(designed)
+    if keys:
+        notice(f"[simulate] {', '.join(keys)}: not used, a live run has its own troubles")
+
+
+def _warn_of_plain_text(plan: LivePlan) -> None:
+    for address in (plan.listen, *(node.listen for node in plan.nodes)):
+        _warn_of(address)
+
+
+def _warn_of(address: str) -> None:
+    if not is_local(address) and not parse_address(address).secured:
+        notice(f"warning: {address} is plain text that others in the network can read and forge")
+
+
+@contextmanager
+def _shown(live: LiveRun, as_json: bool) -> Iterator[Any]:
+    """One line that changes, on a terminal; nothing elsewhere."""
+    if as_json or not sys.stdout.isatty():
+        yield lambda _: None
+        return
+    with Live(console=console(), transient=True, auto_refresh=False) as screen:
+        yield lambda snapshot: screen.update(_line(snapshot, live), refresh=True)
+
+
+def _line(snapshot: Snapshot, live: LiveRun) -> str:
+    statuses = [status for status in snapshot.status if status is not None]
+    error = float((snapshot.error**2).sum() ** 0.5)
+    known = "error of some nodes not known" if error != error else f"error {error:.4g}"
+    missed = sum(status.missed for status in statuses)
+    dead = len(live.supervisor.dead)
+    anchored = sum(status.anchored for status in statuses)
+    return (
+        f"{snapshot.time:7.1f} s   {known}   anchored {anchored} of {len(snapshot.names)}   "
+        f"dead {dead}   restarts {live.supervisor.restarts}   missed {missed}"
+    )
+
+
+def _summarize(facts: dict[str, Any], log: Path) -> None:
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_row("nodes", f"{facts['nodes']} in {facts['processes']} processes at {facts['rate']:g} Hz, "
+                           f"{facts['seconds']:.1f} s")  # fmt: skip
+    if facts["final_error"] is not None:
+        share = facts["relative_error"]
+        percent = "" if share is None else f" ({100.0 * share:.3g} % of |x|)"
+        table.add_row("error norm", f"{facts['initial_error']:.4g} -> {facts['final_error']:.4g}{percent}")
+    measured, predicted = _number(facts["decay_rate_measured"]), _number(facts["decay_rate_predicted"])
+    ages = f"messages {1e3 * facts['message_age']:.1f} ms old, readings {1e3 * facts['reading_age']:.1f} ms"
+    table.add_row("decay rate", f"measured {measured} /s, predicted {predicted} /s with {ages}")
+    table.add_row("anchored", f"{facts['anchored']} of {facts['nodes']} (guarantee covers {facts['covered']})")
+    table.add_row("restarts", f"{facts['restarts']}" + (f"; dead: {', '.join(facts['dead'])}" if facts["dead"] else ""))
+    table.add_row("missed deadlines", f"{facts['missed']} of {facts['acts'] + facts['missed']}")
+    table.add_row("a node takes", f"{100.0 * facts['cpu_per_node']:.2g} % of a core, {_number(facts['step_us'])} us a "
+                                  f"step, {facts['memory_per_process'] / 2**20:.0f} MB a process")  # fmt: skip
+    screen = console()
+    screen.print(table)
+    for text in facts["warnings"]:
+        notice(f"warning: {text}")
+    screen.print(f"written to {log}")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

@@ -1,0 +1,216 @@
+"""``Monitor``: hears everybody, forgets all but the latest of each node, and takes part in nothing."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from trigpoint.arrays import FloatArray, frozen, transition_and_integral
+from trigpoint.errors import ProtocolError
+from trigpoint.observers.local import LocalObserver, LocalState
+from trigpoint.runtime.clock import Clock
+from trigpoint.runtime.codec import Frame, Kind, decode_frame
+from trigpoint.runtime.status import NodeStatus, node_status
+from trigpoint.runtime.topics import everything
+from trigpoint.runtime.transport import Transport
+
+Hook = Callable[[Frame, float], None]
+"""Called with every frame and the time at which it arrived."""
+
+_WAITING = 65536
+_REMEMBERED = 16384
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """What is known of all nodes at one moment, one entry a node.
+
+    Attributes:
+        time: seconds since the run began.
+        names: the nodes' names.
+        estimate: the latest estimate of each; None for one that was never heard.
+        truth: its true state at the time of that estimate; None where no simulated truth is published.
+        status: its latest status, or None.
+        age: (N,) seconds since the last estimate was heard; infinite for never.
+        error: (N,) norm of estimate minus truth; NaN where one of them is unknown.
+    """
+
+    time: float
+    names: tuple[str, ...]
+    estimate: tuple[FloatArray | None, ...]
+    truth: tuple[FloatArray | None, ...]
+    status: tuple[NodeStatus | None, ...]
+    age: FloatArray
+    error: FloatArray
+
+
+class Controls(Protocol):
+    """What the live page may ask for; each refuses the name of a node that does not exist (``ArgumentError``)."""
+
+    def pause(self, name: str) -> None:
+        """Let the node ``name`` listen only."""
+        ...
+
+    def go(self, name: str) -> None:
+        """Let the node ``name`` go on."""
+        ...
+
+    def kill(self, name: str) -> None:
+        """Kill the process of the node ``name``; it stays dead until it is revived."""
+        ...
+
+    def revive(self, name: str) -> None:
+        """Start the node ``name`` again."""
+        ...
+
+
+def watched(network: str) -> tuple[str, ...]:
+    """Patterns that a monitor listens to: all but the nodes' questions for the time, and orders."""
+    start = everything(network).removesuffix("**")
+    return tuple(start + rest for rest in ("node/*/estimate", "node/*/status", "node/*/hello", "reading/*", "truth/*"))
+
+
+class Monitor:
+    """Collects what the nodes and the plant publish.
+
+    Sinks only put what arrives into a bounded queue (the oldest is dropped and counted); ``poll`` takes it out, calls
+    the hooks, and keeps the latest. ``snapshot`` may be called from another thread.
+
+    Args:
+        transport: linked to every node and to the plant.
+        network: name of the network.
+        programs: what the nodes run, in order.
+        clock: tells when something arrived, and since when the run goes.
+        motions: by node, the (n, n) dynamics of what it estimates: the published truth is moved to the time of the
+            estimate by it; truth of a node without one is taken as it is.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        network: str,
+        programs: Sequence[LocalObserver],
+        clock: Clock,
+        motions: Mapping[str, FloatArray] | None = None,
+    ) -> None:
+        self._clock, self._began = clock, clock.now()
+        self._programs = {program.name: program for program in programs}
+        self._labels = {label for program in programs for label in program.reads}
+        self._motions = {} if motions is None else dict(motions)
+        self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
+        self._lock = threading.Lock()
+        self._estimates: dict[str, tuple[Frame, float]] = {}
+        self._truths: dict[str, Frame] = {}
+        self._statuses: dict[str, NodeStatus] = {}
+        self._readings: dict[int, FloatArray] = {}
+        self._late = {kind: deque[float](maxlen=_REMEMBERED) for kind in (Kind.ESTIMATE, Kind.READING)}
+        self.hooks: list[Hook] = []
+        self.received = self.dropped = self.malformed = self.received_bytes = 0
+        for pattern in watched(network):
+            transport.subscribe(pattern, self._sink)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The nodes' names."""
+        return tuple(self._programs)
+
+    @property
+    def began(self) -> float:
+        """When the run began, by the clock."""
+        return self._began
+
+    def _sink(self, _: str, data: bytes) -> None:
+        if len(self._waiting) == _WAITING:
+            self.dropped += 1
+        self._waiting.append((self._clock.now(), data))
+
+    def poll(self) -> int:
+        """Take in what has arrived; the number of frames."""
+        count = 0
+        while self._waiting:
+            arrived, data = self._waiting.popleft()
+            count += 1
+            self.received += 1
+            self.received_bytes += len(data)
+            try:
+                frame = decode_frame(data)
+                with self._lock:
+                    self._keep(frame, arrived)
+            except ProtocolError:
+                self.malformed += 1
+                continue
+            for hook in self.hooks:
+                hook(frame, arrived)
+        return count
+
+    def lateness(self, kind: Kind) -> float:
+        """Seconds from the instant that a frame of this ``kind`` (estimate, reading) is for to its arrival.
+
+        The median of the last 16384: a processor that stalls now and then says nothing about the rest of the time.
+        """
+        with self._lock:
+            late = list(self._late[kind])
+        return max(0.0, float(np.median(late))) if late else 0.0
+
+    def _keep(self, frame: Frame, arrived: float) -> None:
+        if frame.kind in self._late:
+            self._late[frame.kind].append(arrived - frame.time)
+        if frame.kind is Kind.READING:
+            if frame.fact("label") in self._labels:  # whatever else is sent shall not fill the memory
+                self._readings[int(frame.fact("label"))] = frame.values
+            return
+        program = self._programs.get(frame.sender)
+        if program is None:
+            return
+        if frame.kind is Kind.STATUS:
+            self._statuses[frame.sender] = node_status(frame, program.hears)
+        elif frame.kind is Kind.TRUTH:
+            self._truths[frame.sender] = frame
+        elif frame.kind is Kind.ESTIMATE:
+            known = self._estimates.get(frame.sender)
+            if frame.values.shape != (program.n_states,):
+                raise ProtocolError(f"the estimate of {frame.sender!r} has {frame.values.shape[0]} values")
+            if known is None or frame.age_key > known[0].age_key:
+                self._estimates[frame.sender] = frame, arrived
+
+    def epoch(self, name: str) -> int | None:
+        """Epoch of the process that the latest estimate of the node ``name`` came from; None before the first."""
+        with self._lock:
+            known = self._estimates.get(name)
+        return None if known is None else known[0].epoch
+
+    def snapshot(self) -> Snapshot:
+        """What is known now."""
+        now = self._clock.now()
+        with self._lock:
+            rows = [self._row(name, program, now) for name, program in self._programs.items()]
+            statuses = tuple(self._statuses.get(name) for name in self._programs)
+        estimates, truths, ages = zip(*rows, strict=True)
+        error = [
+            np.nan if z is None or x is None or z.shape != x.shape else float(np.linalg.norm(z - x))
+            for z, x in zip(estimates, truths, strict=True)
+        ]
+        return Snapshot(
+            now - self._began, self.names, estimates, truths, statuses, frozen(ages), frozen(error)
+        )  # fmt: skip
+
+    def _row(self, name: str, program: LocalObserver, now: float) -> tuple[FloatArray | None, FloatArray | None, float]:
+        known, truth = self._estimates.get(name), self._truths.get(name)
+        if known is None:
+            return None, None if truth is None else truth.values, np.inf
+        frame, arrived = known
+        value = program.estimate(LocalState(frame.time, frame.sequence, frame.values), self._readings)
+        return value, None if truth is None else self._moved(name, truth, frame.time), now - arrived
+
+    def _moved(self, name: str, truth: Frame, time: float) -> FloatArray:
+        """The truth at the ``time`` of an estimate, earlier or later than it was published for."""
+        motion = self._motions.get(name)
+        if motion is None or not motion.any() or motion.shape[0] != truth.values.shape[0] or time == truth.time:
+            return truth.values
+        later = time - truth.time
+        return np.asarray(transition_and_integral(np.sign(later) * motion, abs(later))[0] @ truth.values)

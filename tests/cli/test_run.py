@@ -1,0 +1,206 @@
+"""``trigpoint run`` and ``trigpoint node`` as a user calls them."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cli.shelled import MAIN, trigpoint
+from tests.runtime.living import CHAIN, runs
+from trigpoint.cli.live import Recorder, seconds_of
+from trigpoint.errors import ArgumentError
+from trigpoint.runtime import Snapshot, parse_address, read_log, read_settings
+
+KEYS = {
+    "nodes", "processes", "rate", "seconds", "decay_rate_measured", "decay_rate_predicted", "decay_rate", "message_age",
+    "reading_age", "initial_error", "final_error", "relative_error", "heard", "anchored", "covered", "dead", "silent",
+    "restarts", "acts", "missed", "step_us", "frames", "bytes", "cpu_per_node", "memory_per_process", "memory",
+    "warnings", "log",
+}  # fmt: skip
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    path = tmp_path / "scenario.toml"
+    path.write_text(CHAIN, encoding="utf-8")
+    return path
+
+
+def running(*arguments):
+    return subprocess.Popen(
+        [sys.executable, "-c", MAIN, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def until_it_listens(process, address):
+    place, limit = parse_address(address), time.monotonic() + 60.0
+    while True:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < limit
+        with socket.socket() as caller:
+            if caller.connect_ex((place.host, place.port)) == 0:
+                return
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("20s", 20.0), ("500ms", 0.5), ("2min", 120.0), ("1.5 h", 5400.0), (" .25s ", 0.25)]
+)
+def test_durations(text, seconds):
+    assert seconds_of(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "20", "s", "0s", "-3s", "3 weeks", "1e3s", "nan s", "20s 5s"])
+def test_other_durations_are_refused(text, scenario):
+    with pytest.raises(ArgumentError, match="expected a positive number and ms, s, min or h: 20s, 500ms, 2min"):
+        seconds_of(text)
+    result = trigpoint("run", scenario, f"--for={text}")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: got")
+
+
+def test_a_run_from_start_to_summary(scenario, tmp_path):
+    """Ends by SIGINT in order: the log is whole, the object on standard output complete, nobody is left."""
+    process = running("run", scenario, "--json", "--out", tmp_path / "out", "--agents-per-process", 2)
+    status = tmp_path / "out" / "status.json"
+    limit = time.monotonic() + 60.0
+    while not status.exists() or '"pid": null' in status.read_text(encoding="utf-8"):
+        assert time.monotonic() < limit
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    pids = [one["pid"] for one in json.loads(status.read_text(encoding="utf-8"))["nodes"].values()]
+    time.sleep(9.0)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=30)
+    facts = json.loads(output)
+    assert (process.returncode, errors) == (0, "")
+    assert set(facts) == KEYS
+    assert (facts["nodes"], facts["processes"], facts["rate"]) == (3, 2, 25.0)
+    assert (facts["anchored"], facts["covered"], facts["heard"], facts["dead"], facts["silent"]) == (3, 3, 3, [], [])
+    assert facts["final_error"] < 0.1 * facts["initial_error"]
+    assert 0.02 < facts["message_age"] < 1.0
+    assert facts["acts"] > 30
+    assert not any(runs(pid) for pid in pids)
+    log = read_log(tmp_path / "out" / "run.mcap")
+    assert log.complete
+    assert facts["log"].endswith("run.mcap")
+
+
+@pytest.mark.slow
+def test_a_summary_for_people_and_the_place_of_the_log(scenario):
+    process = running("run", scenario, "--for", "6s")
+    output, errors = process.communicate(timeout=90)
+    assert process.returncode == 0, errors
+    words = "3 in 3 processes at 25 Hz", "decay rate        measured", "3 of 3", "missed deadlines", "MB a process"
+    assert [each for each in words if each not in output] == []
+    assert (scenario.parent / "run.mcap").exists()
+    assert sorted(path.name for path in scenario.parent.iterdir()) == ["run.mcap", "scenario.toml"]
+
+
+@pytest.mark.slow
+def test_a_node_that_cannot_run_is_told_by_the_exit_code(scenario, tmp_path):
+    """Its address lies in a folder that does not exist: it is started again and again, and dead at the end."""
+    text = scenario.read_text(encoding="utf-8") + f'addresses = {{ 2 = "unixsock-stream/{tmp_path}/missing/2.sock" }}\n'
+    scenario.write_text(text, encoding="utf-8")
+    process = running("run", scenario, "--for", "10s", "--json")
+    output, errors = process.communicate(timeout=90)
+    facts = json.loads(output)
+    assert process.returncode == 1
+    assert "node 2 was not heard at the end; ended with exit code 2: error: cannot listen" in errors
+    assert facts["restarts"] >= 1
+    assert "2" in facts["silent"]
+    assert facts["final_error"] is None  # not everybody was ever known
+
+
+def test_nothing_runs_where_no_observer_exists(tmp_path):
+    path = tmp_path / "floating.csv"
+    path.write_text("from,to,value\na,b,1.0\n", encoding="utf-8")
+    result = trigpoint("run", path, "--for", "1s", "--json")
+    assert result.exit_code == 1
+    assert "no observer exists" in result.stderr
+    assert json.loads(result.stdout)["nodes"] is None
+
+
+def test_settings_for_other_hosts(scenario, tmp_path):
+    """--prepare writes one file a node and runs nothing; trigpoint node takes one, SIGTERM ends it."""
+    result = trigpoint("run", scenario, "--prepare", tmp_path / "files", "--transport", "tcp", "--json")
+    assert result.exit_code == 0, result.stderr
+    files = json.loads(result.stdout)
+    assert set(files["nodes"]) == {"0", "1", "2"}
+    assert not (tmp_path / "run.mcap").exists()
+    listing = trigpoint("run", scenario, "--prepare", tmp_path / "files", "--transport", "tcp").stdout
+    assert "1: trigpoint node" in listing
+    process = running("node", files["nodes"]["1"])
+    until_it_listens(process, read_settings(Path(files["nodes"]["1"])).listen)
+    process.send_signal(signal.SIGTERM)
+    output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "{scenario}", "--rate", "-1"], "--rate: got -1.0, expected greater than 0"),
+        (["run", "{scenario}", "--transport", "pigeon"], "--transport: got 'pigeon', expected 'unixsock', 'tcp'"),
+        (["run", "{scenario}", "--agents-per-process", "0"], "--agents-per-process: got 0, expected greater than"),
+        (["run", "nothing.toml"], "nothing.toml: there is no such file"),
+        (["node", "nothing.json"], "nothing.json: no node settings"),
+        (["node", "{node}", "--peer", "0"], "--peer: got '0', expected NAME=ADDRESS"),
+        (["node", "{node}", "--peer", "0=nowhere"], "address 'nowhere'"),
+        (["node", "{node}", "--peer", "stranger=tcp/127.0.0.1:9"], "--peer names 'stranger', no neighbour of '1'"),
+        (["node", "{node}", "{node}", "--listen", "tcp/127.0.0.1:9"], "--listen is one address; give one file"),
+        (["node", "{node}", "--listen", "tcp/192.0.2.1:9"], "plain text that anybody there can read and forge"),
+    ],
+)
+def test_misuse(arguments, words, scenario, tmp_path):
+    trigpoint("run", scenario, "--prepare", tmp_path / "files", "--transport", "tcp")
+    places = {"scenario": scenario, "node": tmp_path / "files" / "settings" / "node-1.json"}
+    result = trigpoint(*(text.format(**places) for text in arguments))
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert not (tmp_path / "run.mcap").exists()
+
+
+def test_plain_text_beyond_the_machine_needs_leave_and_warns(scenario, tmp_path):
+    text = scenario.read_text(encoding="utf-8") + 'transport = "tcp"\naddresses = { 0 = "tcp/192.0.2.1:7447" }\n'
+    scenario.write_text(text, encoding="utf-8")
+    refused = trigpoint("run", scenario, "--prepare", tmp_path / "files")
+    assert refused.exit_code == 2
+    assert "plain text" in refused.stderr
+    allowed = trigpoint("run", scenario, "--prepare", tmp_path / "files", "--allow-plain")
+    assert allowed.exit_code == 0, allowed.stderr
+    assert "warning: tcp/192.0.2.1:7447 is plain text" in allowed.stderr
+
+
+def test_what_the_simulation_alone_has_is_said(scenario, tmp_path):
+    text = scenario.read_text(encoding="utf-8").replace("[simulate]", "[simulate]\nperiod = 0.1\nloss = 0.5")
+    scenario.write_text(text, encoding="utf-8")
+    result = trigpoint("run", scenario, "--prepare", tmp_path / "files")
+    assert "[simulate] loss: not used" in result.stderr
+
+
+def snapshot(time, value):
+    known = (np.array([value]), np.array([value, 1.0]))
+    nothing = (np.zeros(1), np.zeros(2))
+    return Snapshot(time, ("a", "b"), known, nothing, (None, None), np.zeros(2), np.zeros(2))
+
+
+def test_samples_are_thinned_out():
+    recorder = Recorder(("a", "b"), 0.1, most=50)
+    assert recorder.run() is None
+    for k in range(4000):
+        recorder.take(snapshot(0.01 * k, np.exp(-0.3 * 0.01 * k)))
+    run = recorder.run()
+    assert run.times.shape[0] < 50
+    assert run.times[-1] > 35.0
+    assert run.truth.shape[1:] == (2, 2)
+    gap = run.estimate[:, 0, 0]
+    np.testing.assert_allclose(gap, np.exp(-0.3 * run.times))

@@ -1,0 +1,139 @@
+"""``trigpoint watch`` on every kind of run, and the page of ``trigpoint run --watch`` with its orders."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+from trigpoint import graphs
+from trigpoint.cli.watching import feed_of, links_of
+from trigpoint.dashboard import STATES, decode_moment
+from trigpoint.errors import ArgumentError, FileFormatError
+from trigpoint.io import save
+from trigpoint.model import Network
+from trigpoint.runtime import Frame, Kind, LogWriter
+
+NAMES = ("a", "b", "c")
+HEARS = {"a": ["b"], "b": ["a", "c"], "c": ["b"]}
+
+
+def logged(path, **attributes):
+    """A log of three nodes, ten estimates a second each for two seconds; c falls silent after one."""
+    with LogWriter(path, network="net", names=NAMES, attributes=attributes) as log:
+        for k in range(20):
+            time = 100.0 + 0.1 * k
+            for name in NAMES:
+                truth = Frame(Kind.TRUTH, name, 1, k, time, (), np.array([1.0]))
+                log.write(truth, time)
+                if name != "c" or k <= 10:
+                    facts = (1.0, time, 0.0, 0.5 / (1 + k))
+                    log.write(Frame(Kind.ESTIMATE, name, 1, k, time, facts, np.array([1.0 + 0.1 * k])), time)
+        log.event("killed on request", "c", time=101.0)
+    return path
+
+
+def test_a_log_names_its_own_links(tmp_path):
+    feed = feed_of(logged(tmp_path / "run.mcap", hears=HEARS, anchors=["a"], guaranteed_rate=0.25, stale=0.25), None)
+    topology = feed.topology()
+    assert (topology["names"], topology["arcs"], topology["anchored"]) == (list(NAMES), [[0, 1], [1, 2]], [0])
+    assert (topology["rate"], topology["stale"], topology["title"]) == (0.25, 0.5, "net (run.mcap)")
+    assert topology["colours"] == ["error", "uncertainty", "state", "age"]
+    moment = decode_moment(feed.frame(19))
+    np.testing.assert_allclose(moment.error, [1.9, 1.9, np.nan], rtol=1e-6)
+    np.testing.assert_allclose(moment.uncertainty, [0.5 / 20, 0.5 / 20, 0.5 / 11], rtol=1e-6)
+    np.testing.assert_allclose(moment.age, [0.0, 0.0, 0.9], atol=1e-5)
+    assert [STATES[int(code)] for code in moment.state] == ["anchored", "anchored", "away"]
+    assert ("killed on request", 2) in [(event.text, event.node) for event in feed.events(0)[1]]
+    assert feed_of(tmp_path, None).topology()["names"] == list(NAMES)  # the folder of the run
+
+
+def test_a_log_on_a_network_with_places(tmp_path):
+    places = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]])
+    graph = graphs.chain(3, anchors=(0,))
+    graph = type(graph)(3, graph.tail, graph.head, names=NAMES)
+    save(Network(graph, np.zeros(3), positions=places, unit="mm"), tmp_path / "net.csv")
+    feed = feed_of(logged(tmp_path / "run.mcap"), tmp_path / "net.csv")
+    assert (feed.topology()["x"], feed.topology()["y"]) == ([0.0, 1.0, 2.0], [0.0, 0.0, 1.0])
+    assert feed.topology()["unit"] == "mm"
+    with pytest.raises(ArgumentError, match="does not tell its links"):
+        feed_of(tmp_path / "run.mcap", None)
+
+
+def test_what_cannot_be_watched(tmp_path):
+    with pytest.raises(FileFormatError, match=r"run\.mcap"):
+        feed_of(tmp_path, None)
+    save(graphs.chain(3), tmp_path / "net.json")
+    with pytest.raises(FileFormatError, match="expected a recorded run"):
+        feed_of(tmp_path / "net.json", None)
+
+
+def test_links_of_who_hears_whom():
+    graph = links_of(NAMES, {**HEARS, "stranger": ["a"], "c": ["b", "plant"]}, ["c", "stranger"])
+    assert graph.names == NAMES
+    assert sorted(zip(graph.tail.tolist(), graph.head.tolist(), strict=True)) == [(-1, 2), (0, 1), (1, 2)]
+
+
+SCENARIO = """
+[network]
+gallery = { kind = "chain", n = 3, anchors = [0] }
+[agent]
+A = [[0, 1], [-1, 0]]
+C = [[1, 0]]
+[design]
+method = "local-kalman"
+gain = "from-graph"
+[simulate]
+initial_error = 1.0
+initial_state = 1.0
+[run]
+rate = 20
+"""
+
+
+def test_a_live_run_is_watched_and_obeys(tmp_path):
+    (tmp_path / "three.toml").write_text(SCENARIO, encoding="utf-8")
+    program = "from trigpoint.cli import main; main()"
+    port = free_port()
+    options = ["--for", "60s", "--watch", "--port", str(port), "--json", "--out", str(tmp_path)]
+    command = [sys.executable, "-c", program, "run", str(tmp_path / "three.toml"), *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        try:
+            line = next(line for line in run.stderr if "Open http" in line)
+            token = re.search(r"token=(\S+)", line)[1]
+            origin = f"http://127.0.0.1:{port}"
+            with connect(f"ws://127.0.0.1:{port}/ws?token={token}", origin=origin, proxy=None) as page:
+                topology = json.loads(page.recv(timeout=30))
+                assert (topology["arcs"], topology["anchored"]) == ([[0, 1], [1, 2]], [0])
+                assert topology["controls"] == ["pause", "go", "kill", "revive"]
+                until_states(page, lambda states: states == ["anchored"] * 3)
+                for order, states in (("kill", ("silent",)), ("revive", ("anchored",)), ("pause", ("paused",))):
+                    page.send(json.dumps({"type": "order", "order": order, "node": 1}))
+                    until_states(page, lambda found, wanted=states: found[1] in wanted)
+            run.send_signal(signal.SIGINT)
+            out, _ = run.communicate(timeout=60)
+        finally:
+            run.kill()
+    assert json.loads(out)["nodes"] == 3
+    assert feed_of(tmp_path, None).topology()["arcs"] == [[0, 1], [1, 2]]
+
+
+def until_states(page, wanted):
+    """Reads frames until the nodes' states are as wanted."""
+    for _ in range(900):
+        message = page.recv(timeout=30)
+        if isinstance(message, bytes) and wanted([STATES[int(code)] for code in decode_moment(message).state]):
+            return
+    raise AssertionError("the nodes never came to that")
+
+
+def free_port():
+    import socket
+
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]

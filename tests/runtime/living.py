@@ -1,0 +1,95 @@
+"""A live run under a test's hands: made from a scenario's text, driven step by step, waited for."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from trigpoint.cli.choices import method_of
+from trigpoint.cli.compose import part_of, read_any
+from trigpoint.cli.live import LiveRun
+from trigpoint.cli.live_plan import Design, Places, plan_of
+from trigpoint.methods import design
+
+CHAIN = """
+[network]
+gallery = { kind = "chain", n = 3, anchors = [0] }
+[simulate]
+initial_state = [1.0, 4.0, 2.0]
+initial_error = 2.0
+[run]
+rate = 25
+"""
+GRID = (Path(__file__).resolve().parents[2] / "examples" / "grid_live.toml").read_text(encoding="utf-8")
+PATIENCE = 60.0
+
+
+def designed(path: Path) -> Design:
+    given = read_any(path)
+    part = part_of(given, given.design)
+    return Design(given, part, given.design, design(part.problem, method_of(given.design, part.problem)))
+
+
+@contextmanager
+def planned(text: str, folder: Path, **changes: Any) -> Iterator[Any]:
+    """The design and the plan of a scenario; socket files lie in a short folder of their own."""
+    path = folder / "scenario.toml"
+    path.write_text(text, encoding="utf-8")
+    found = designed(path)
+    section = found.given.run.model_copy(update=changes)
+    with tempfile.TemporaryDirectory(prefix="tp-") as sockets:
+        (Path(sockets) / "watch").mkdir()
+        yield found, plan_of(found, section, Places(folder / "out", Path(sockets)))
+
+
+@contextmanager
+def living(text: str, folder: Path, **changes: Any) -> Iterator[LiveRun]:
+    """The run, started; ended at the end of the block, whatever happens."""
+    with planned(text, folder, **changes) as (_, plan):
+        plan.folder.mkdir(exist_ok=True)
+        live = LiveRun(plan, None)
+        try:
+            live.supervisor.start()
+            yield live
+        finally:
+            live.close()
+
+
+def until(live: LiveRun, what: Callable[[], Any], patience: float = PATIENCE) -> None:
+    """Let the run go on until ``what`` is true; the test fails where that never happens."""
+    limit = time.monotonic() + patience
+    while not what():
+        assert time.monotonic() < limit, f"not within {patience} s: {what.__doc__ or what}; {live.supervisor.events}"
+        live.step()
+        time.sleep(0.01)
+
+
+def everybody_heard(live: LiveRun) -> bool:
+    return bool((live.monitor.snapshot().age < 1.0).all())
+
+
+def anchored(live: LiveRun) -> int:
+    return sum(status.anchored for status in live.monitor.snapshot().status if status is not None)
+
+
+def status_of(live: LiveRun) -> dict[str, Any]:
+    return json.loads(live.supervisor.status_file.read_text(encoding="utf-8"))
+
+
+def runs(pid: int) -> bool:
+    """Whether the process is there and no zombie."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def killed(pid: int) -> None:
+    os.kill(pid, 9)

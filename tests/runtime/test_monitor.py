@@ -1,0 +1,129 @@
+"""The monitor: the latest of everybody, moved to one instant; nothing that arrives can hurt it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trigpoint.arrays import expm
+from trigpoint.observers import LocalArc, LocalObserver
+from trigpoint.runtime import Frame, Kind, Monitor, encode_frame
+from trigpoint.runtime.topics import node_key, truth_key
+
+TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+ROW = np.array([[1.0, 0.0]])
+PROGRAMS = tuple(
+    LocalObserver(name, TURN, None, (LocalArc(0, other, 1.0, ROW.T, ROW, ROW),)) for name, other in ("ab", "ba")
+)
+
+
+class Hand:
+    """A clock that a test sets, and a transport that it feeds."""
+
+    def __init__(self):
+        self.time, self.sinks = 100.0, {}
+
+    def now(self):
+        return self.time
+
+    def subscribe(self, pattern, sink):
+        self.sinks[pattern] = sink
+
+    def feed(self, key, data):
+        next(iter(self.sinks.values()))(key, data)
+
+
+def estimate(sender, sequence, time, value, epoch=1):
+    frame = Frame(Kind.ESTIMATE, sender, epoch, sequence, time, (-1.0, 0.0, 0.0, 1.0), np.array(value))
+    return node_key("n", sender, "estimate"), encode_frame(frame)
+
+
+def truth(name, time, value):
+    frame = Frame(Kind.TRUTH, name, 1, 0, time, (), np.array(value))
+    return truth_key("n", name), encode_frame(frame)
+
+
+def watching(**options):
+    hand = Hand()
+    return hand, Monitor(hand, "n", PROGRAMS, hand, **options)
+
+
+def test_nothing_is_known_at_first():
+    _, monitor = watching()
+    snapshot = monitor.snapshot()
+    assert snapshot.names == ("a", "b")
+    assert (snapshot.estimate, snapshot.truth, snapshot.status) == ((None, None),) * 3
+    assert np.isposinf(snapshot.age).all()
+    assert np.isnan(snapshot.error).all()
+    assert monitor.epoch("a") is None
+
+
+def test_the_truth_is_moved_to_the_time_of_the_estimate():
+    """Error zero for a node that is right about another instant than the plant spoke of; earlier or later."""
+    hand, monitor = watching(motions={"a": TURN, "b": TURN})
+    x = np.array([1.0, 2.0])
+    hand.feed(*truth("a", 100.0, x))
+    hand.feed(*truth("b", 100.0, x))
+    hand.feed(*estimate("a", 0, 100.3, expm(0.3 * TURN) @ x))
+    hand.feed(*estimate("b", 0, 99.8, expm(-0.2 * TURN) @ x + [0.0, 0.5]))
+    hand.time = 100.5
+    assert monitor.poll() == 4
+    hand.time = 101.0
+    snapshot = monitor.snapshot()
+    np.testing.assert_allclose(snapshot.error, [0.0, 0.5], atol=1e-14)
+    np.testing.assert_allclose(snapshot.age, [1.0, 1.0])  # heard when the sink was called
+    assert snapshot.time == 1.0
+    assert monitor.lateness(Kind.ESTIMATE) == pytest.approx(0.0)
+
+
+def test_only_what_is_newer_counts():
+    hand, monitor = watching()
+    for sequence, epoch, value in ((5, 1, 5.0), (4, 1, 4.0), (0, 2, 9.0), (6, 1, 6.0)):
+        hand.feed(*estimate("a", sequence, 100.0, [value, 0.0], epoch))
+    monitor.poll()
+    assert monitor.snapshot().estimate[0][0] == 9.0
+    assert monitor.epoch("a") == 2
+
+
+def test_nonsense_is_counted_and_dropped():
+    hand, monitor = watching()
+    heard = []
+    monitor.hooks.append(lambda frame, arrived: heard.append((frame.kind, arrived)))
+    hand.feed("k", b"nonsense")
+    hand.feed(*estimate("a", 0, 100.0, [1.0]))  # one value too few
+    status = Frame(Kind.STATUS, "a", 1, 0, 100.0, (), np.zeros(3))
+    hand.feed(node_key("n", "a", "status"), encode_frame(status))
+    hand.feed(*estimate("stranger", 0, 100.0, [1.0, 1.0]))
+    assert monitor.poll() == 4
+    assert monitor.malformed == 3
+    assert heard == [(Kind.ESTIMATE, 100.0)]  # the log has the stranger, too
+    assert monitor.snapshot().estimate == (None, None)
+
+
+def test_readings_of_arcs_that_nobody_has_are_forgotten():
+    hand, monitor = watching()
+    for label in (0.0, 1e6, 0.5, -1.0):
+        frame = Frame(Kind.READING, "plant", 1, 0, 100.0, (label,), np.ones(1))
+        hand.feed("k", encode_frame(frame))
+    assert monitor.poll() == 4
+    assert list(monitor._readings) == [0]
+
+
+def test_the_queue_is_bounded(monkeypatch):
+    hand, monitor = watching()
+    monkeypatch.setattr("trigpoint.runtime.monitor._WAITING", monitor._waiting.maxlen)
+    key, data = estimate("a", 0, 100.0, [1.0, 1.0])
+    for _ in range(monitor._waiting.maxlen + 10):
+        hand.feed(key, data)
+    assert monitor.dropped == 10
+    assert monitor.poll() == monitor._waiting.maxlen
+
+
+def test_lateness_is_measured():
+    hand, monitor = watching()
+    for sequence, late in enumerate((0.01, 0.03)):
+        hand.time = 100.0 + sequence + late
+        hand.feed(*estimate("a", sequence, 100.0 + sequence, [1.0, 1.0]))
+    monitor.poll()
+    assert monitor.lateness(Kind.ESTIMATE) == pytest.approx(0.02)
+    assert monitor.lateness(Kind.READING) == 0.0

@@ -1,0 +1,175 @@
+"""The simulated plant: its truth, its readings, its file."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from tests.runtime.living import CHAIN, GRID, planned
+from trigpoint.arrays import expm
+from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
+from trigpoint.runtime import Instrument, Kind, Part, PlantSettings, SimulatedPlant, SystemClock, decode_frame
+from trigpoint.runtime.endings import Order
+from trigpoint.runtime.plant import PlantLoop, read_plant, write_plant
+
+TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+ROW = np.array([[1.0, 0.0]])
+
+
+def plant(**changes):
+    parts = (Part(TURN, np.array([1.0, 2.0])), Part(np.zeros((1, 1)), np.array([5.0])))
+    reads = (
+        Instrument(0, ((0, ROW),)),
+        Instrument(3, ((0, -ROW), (1, np.array([[1.0]])))),
+        Instrument(4, (), recorded=np.array([7.0])),
+    )
+    given = {"network": "n", "name": "plant", "period": 0.1, "parts": parts, "instruments": reads}
+    return PlantSettings(**{**given, "shows": (("a", 0), ("b", 1)), **changes})
+
+
+def test_the_truth_moves_by_its_dynamics_and_is_read_without_error():
+    moving = SimulatedPlant(plant(), epoch=1, origin=100.0)
+    moving.advance(7)
+    assert moving.time == pytest.approx(100.7)
+    x = expm(0.7 * TURN) @ [1.0, 2.0]
+    np.testing.assert_allclose(moving.state[0], x, rtol=1e-13)
+    frames = {key: decode_frame(data) for key, data in moving.frames()}
+    assert [key.removeprefix("trigpoint/n/") for key in frames] == [
+        "reading/0", "reading/3", "reading/4", "truth/a", "truth/b",
+    ]  # fmt: skip
+    values = [frame.values for frame in frames.values()]
+    for found, wanted in zip(values, ([x[0]], [5.0 - x[0]], [7.0], x, [5.0]), strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-13)
+    assert [frame.kind for frame in frames.values()] == [Kind.READING] * 3 + [Kind.TRUTH] * 2
+    assert [frame.sequence for frame in frames.values()][:3] == [0, 1, 2]
+    assert {frame.time for frame in frames.values()} == {moving.time}
+    assert frames["trigpoint/n/truth/a"].sender == "a"
+
+
+def test_a_plant_that_starts_again_is_where_it_would_be():
+    steady, again = (SimulatedPlant(plant(), epoch=k, origin=0.0) for k in (1, 2))
+    for step in range(1, 51):
+        steady.advance(step)
+    again.advance(50)
+    np.testing.assert_allclose(again.state[0], steady.state[0], rtol=1e-12)
+    again.advance(50)
+    np.testing.assert_allclose(again.state[0], steady.state[0], rtol=1e-12)
+
+
+def test_noise_has_the_size_it_was_given():
+    """Readings: standard deviation; process: the factor of one period."""
+    part = Part(np.zeros((1, 1)), np.zeros(1), np.array([[0.5]]))
+    noisy = plant(parts=(part,), instruments=(Instrument(0, ((0, np.eye(1)),), 0.25),), shows=(("a", 0),))
+    moving = SimulatedPlant(noisy, epoch=1, origin=0.0)
+    readings, jumps, before = [], [], 0.0
+    for step in range(1, 801):
+        moving.advance(step)
+        jumps.append(moving.state[0][0] - before)
+        before = moving.state[0][0]
+        readings.append(moving.read(noisy.instruments[0])[0] - before)
+    assert np.std(jumps) == pytest.approx(0.5, rel=0.1)
+    assert np.std(readings) == pytest.approx(0.25, rel=0.1)
+
+
+@pytest.mark.parametrize("text", [CHAIN, GRID])
+def test_the_file_holds_the_plant(text, tmp_path):
+    with planned(text, tmp_path) as (_, plan):
+        path = tmp_path / "plant.json"
+        write_plant(plan.plant, path)
+        assert path.stat().st_mode & 0o077 == 0
+        again = read_plant(path)
+    assert again.to_document() == plan.plant.to_document()
+    first, second = (SimulatedPlant(one, epoch=5, origin=0.0) for one in (plan.plant, again))
+    assert list(first.frames()) == list(second.frames())
+
+
+def test_the_plan_of_a_measured_network_repeats_its_readings(tmp_path):
+    text = '[network]\narcs = [["", "a", 1.0], ["a", "b", 0.5]]\n[run]\nrate = 5\n'
+    with planned(text, tmp_path) as (_, plan):
+        assert [one.recorded.tolist() for one in plan.plant.instruments] == [[1.0], [0.5]]
+        np.testing.assert_allclose(np.concatenate([part.start for part in plan.plant.parts]), [1.0, 1.5])
+        assert all(not node.start.any() for node in plan.nodes)  # nobody knows it
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"period": 0.0}, "period of a plant must be a positive number of seconds; got 0"),
+        ({"shows": (("a", 2),)}, "of 2 parts was asked for the part 2"),
+        ({"instruments": (Instrument(9, ()),)}, "instrument 9 reads nothing"),
+    ],
+)
+def test_impossible_plants_are_refused(changes, words):
+    with pytest.raises(ArgumentError, match=words):
+        plant(**changes)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"kind": "other"},
+        {"version": 99},
+        {"parts": 3},
+        {"parts": [[1, 2]]},
+        {"instruments": [{"label": 0}]},
+        {"shows": [["a"]]},
+        {"period": "soon"},
+        {"colour": "red"},
+        {"identity": {"key": 1}},
+    ],
+)
+def test_damaged_settings_are_refused(damage, tmp_path):
+    document = {**plant().to_document(), **damage}
+    with pytest.raises(ProtocolError, match="plant settings"):
+        PlantSettings.from_document(document)
+    path = tmp_path / "plant.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(FileFormatError, match=r"plant\.json: no plant settings"):
+        read_plant(path)
+
+
+def test_an_absent_or_enormous_file_is_refused(tmp_path, monkeypatch):
+    with pytest.raises(FileFormatError, match="no plant settings"):
+        read_plant(tmp_path / "nothing.json")
+    path = tmp_path / "plant.json"
+    write_plant(plant(), path)
+    monkeypatch.setattr("trigpoint.runtime.plant._LARGEST_FILE", 10)
+    with pytest.raises(FileFormatError, match="at most 10 bytes"):
+        read_plant(path)
+
+
+class Published:
+    """A transport that remembers."""
+
+    def __init__(self):
+        self.frames = []
+
+    def publish(self, _, data):
+        self.frames.append(decode_frame(data))
+
+
+def test_the_loop_keeps_to_its_grid(monkeypatch):
+    monkeypatch.setattr("trigpoint.runtime.plant.listen_for_orders", lambda *_, **__: None)
+    origin = SystemClock().now() - 0.003
+    transport = Published()
+    loop = PlantLoop(plant(period=0.01, origin=origin), transport, SystemClock(), epoch=3)
+    thread = threading.Thread(target=loop.run)
+    thread.start()
+    time.sleep(0.3)
+    loop.tell(Order.STOP)
+    thread.join(5.0)
+    assert not thread.is_alive()
+    steps = np.array([frame.time - origin for frame in transport.frames if frame.kind is Kind.TRUTH]) / 0.01
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-3)
+    assert (np.diff(steps[::2]) > 0.5).all()
+    assert len(steps) // 2 + loop.missed >= 25
+
+
+def test_dataclasses_are_frozen():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        plant().period = 1.0

@@ -1,0 +1,100 @@
+"""The supervisor's rules, with processes that fail at once; and the command that the processes run."""
+
+from __future__ import annotations
+
+import builtins
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import pytest
+
+from tests.runtime.living import CHAIN, planned
+from trigpoint.errors import ArgumentError, MissingExtraError
+from trigpoint.runtime import Supervisor, SystemClock, write_settings
+from trigpoint.runtime.__main__ import main
+from trigpoint.runtime.supervisor import backoff
+
+
+def test_waits_double_up_to_ten_seconds():
+    assert [backoff(k) for k in range(1, 8)] == [0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0]
+    assert backoff(10**6) == 10.0
+
+
+@pytest.fixture
+def failing(tmp_path):
+    """A plan of one node that cannot listen where it should, so that its process ends at once."""
+    with planned(CHAIN, tmp_path) as (_, plan):
+        bad = replace(plan.nodes[0], listen=f"unixsock-stream/{tmp_path}/missing/folder/0.sock")
+        plan.folder.mkdir()
+        supervisor = Supervisor(replace(plan, nodes=(bad,), plant=None), SystemClock())
+        yield supervisor
+        supervisor.stop()
+
+
+def test_a_process_that_keeps_failing_is_started_ever_more_seldom(failing):
+    failing.start()
+    limit = time.monotonic() + 60.0
+    while failing.restarts < 2:
+        assert time.monotonic() < limit
+        failing.tick()
+        time.sleep(0.005)
+    started = [moment for moment, _, text in failing.events if text.startswith("started")]
+    ended = [(moment, text) for moment, _, text in failing.events if text.startswith("ended")]
+    assert all(text.startswith("ended with exit code 2: error: cannot listen on unixsock") for _, text in ended)
+    assert failing.reason("0") == ended[-1][1]
+    waits = [again - end for (end, _), again in zip(ended, started[1:], strict=True)]
+    assert 0.5 <= waits[0] < 0.95
+    assert waits[1] >= 1.0
+    output = (failing.status_file.parent / "output" / "process-0.txt").read_text(encoding="utf-8")
+    assert output.startswith("error: ")
+    failing.stop()
+    assert failing.dead_before_the_end in ((), ("0",))
+    failing.revive("0")
+    assert failing.dead == ()
+    failing.kill("0")
+    assert failing.dead == ("0",)
+
+
+def test_orders_need_links(failing):
+    with pytest.raises(ArgumentError, match="no transport"):
+        failing.pause("0")
+
+
+def test_measuring_needs_psutil(failing, monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *rest, **options):
+        if name == "psutil":
+            raise ImportError(name)
+        return real(name, *rest, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(MissingExtraError, match=r"psutil.*trigpoint\[live\]"):
+        failing.start()
+    assert failing.dead == ("0",)
+
+
+@pytest.mark.parametrize("arguments", [[], ["node"], ["plant"], ["plant", "a", "b"], ["dance", "a"], ["--tied"]])
+def test_misuse_of_the_module(arguments, capsys):
+    assert main(arguments) == 2
+    assert "expected: python -m trigpoint.runtime" in capsys.readouterr().err
+
+
+def test_a_damaged_file_is_one_line(tmp_path, capsys):
+    path = tmp_path / "node.json"
+    path.write_text("{", encoding="utf-8")
+    assert main(["node", str(path)]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {path}: no node settings")
+    assert main(["plant", str(path)]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {path}: no plant settings")
+
+
+def test_a_tied_process_ends_with_its_input(tmp_path):
+    with planned(CHAIN, tmp_path) as (_, plan):
+        path = tmp_path / "node.json"
+        write_settings(plan.nodes[0], path)
+        command = [sys.executable, "-m", "trigpoint.runtime", "node", "--tied", str(path)]
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=60, check=False)
+        assert (done.returncode, done.stderr) == (0, b"")
