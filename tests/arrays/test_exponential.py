@@ -85,6 +85,14 @@ def test_expm_of_a_rotation_is_orthogonal(angle) -> None:
     np.testing.assert_allclose(rotation, expected, rtol=0, atol=1e-13 + 1e-15 * angle)
 
 
+def test_a_stack_is_exponentiated_one_by_one() -> None:
+    rng = np.random.default_rng(3)
+    stack = rng.standard_normal((2, 7, 3, 3)) * 10.0 ** rng.uniform(-8, 2, (2, 7, 1, 1))
+    for A, found in zip(stack.reshape(-1, 3, 3), expm(stack).reshape(-1, 3, 3), strict=True):
+        assert relative_error(found, expm(A)) < 1e-14
+    assert expm(np.zeros((0, 3, 3))).shape == (0, 3, 3)
+
+
 def test_expm_of_zero_is_the_identity_and_the_empty_matrix_is_itself() -> None:
     np.testing.assert_allclose(expm(np.zeros((3, 3))), np.eye(3), rtol=0, atol=1e-15)
     assert expm(np.zeros((0, 0))).shape == (0, 0)
@@ -97,9 +105,9 @@ def test_expm_does_not_change_its_argument() -> None:
     assert np.array_equal(A, before)
 
 
-@pytest.mark.parametrize("bad", [np.zeros((2, 3)), np.zeros(3), 3.0, np.zeros((65, 65)), np.zeros((2, 2, 2))])
+@pytest.mark.parametrize("bad", [np.zeros((2, 3)), np.zeros(3), 3.0, np.zeros((65, 65)), np.zeros((2, 2, 3))])
 def test_expm_refuses_what_is_no_small_square_matrix(bad) -> None:
-    with pytest.raises(ArgumentError, match="square matrix of at most 64 rows"):
+    with pytest.raises(ArgumentError, match="square matrices of at most 64 rows"):
         expm(bad)
 
 
@@ -132,7 +140,7 @@ def test_transition_and_integral_satisfy_their_defining_equation_at_the_size_lim
 
 @pytest.mark.parametrize("bad", [np.zeros((2, 3)), np.zeros(2), np.zeros((65, 65))])
 def test_transition_refuses_what_is_no_small_square_matrix(bad) -> None:
-    with pytest.raises(ArgumentError, match="square matrix of at most 64 rows"):
+    with pytest.raises(ArgumentError, match="square matrices of at most 64 rows"):
         transition_and_integral(bad, 1.0)
 
 

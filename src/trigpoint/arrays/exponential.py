@@ -24,7 +24,8 @@ _ORDERS = np.arange(19.0)  # 1 / 19! is 8e-18
 def expm(A: FloatArray) -> FloatArray:
     """Matrix exponential by scaling and squaring with the Pade approximant of degree 13.
 
-    exp(A) = r_13(A / 2^s)^(2^s), A of shape (n, n), n <= 64; cost O(n^3 (10 + s)).
+    exp(A) = r_13(A / 2^s)^(2^s), A of shape (n, n) or a stack (..., n, n), n <= 64; cost O(n^3 (10 + s)) a matrix.
+    Those of a stack that take the same s are computed at once.
 
     We assume:
         * A is finite and small (an agent's model, not a network's).
@@ -33,10 +34,25 @@ def expm(A: FloatArray) -> FloatArray:
     Source: Higham, *The scaling and squaring method for the matrix exponential revisited* (2005), key Higham2005.
     """
     A = np.asarray(A, dtype=np.float64)
-    if A.ndim != 2 or A.shape[1] != A.shape[0] or A.shape[0] > _EXPM_LIMIT:
-        raise ArgumentError(f"expm takes a square matrix of at most {_EXPM_LIMIT} rows; got shape {A.shape}")
+    if A.ndim < 2 or A.shape[-1] != A.shape[-2] or A.shape[-1] > _EXPM_LIMIT:
+        raise ArgumentError(f"expm takes square matrices of at most {_EXPM_LIMIT} rows; got shape {A.shape}")
     require_finite("A", A)
-    return _scaled_and_squared(A)
+    return _scaled_and_squared(A) if A.ndim == 2 else _stacked(A)
+
+
+def _stacked(A: FloatArray) -> FloatArray:
+    """Each matrix with its own number of squarings: more than it needs would cost its small entries."""
+    matrices = A.reshape(-1, *A.shape[-2:])
+    norms = np.abs(matrices).sum(axis=1).max(axis=1, initial=0.0)
+    squarings = np.array([_halvings(norm) for norm in norms.tolist()], dtype=int)
+    result = np.empty_like(matrices)
+    for count in np.unique(squarings).tolist():
+        chosen = squarings == count
+        powers = _pade_13(matrices[chosen] / 2.0**count)
+        for _ in range(count):
+            powers = powers @ powers
+        result[chosen] = powers
+    return result.reshape(A.shape)
 
 
 def _scaled_and_squared(A: FloatArray) -> FloatArray:
@@ -51,7 +67,7 @@ def _scaled_and_squared(A: FloatArray) -> FloatArray:
 
 def _pade_13(A: FloatArray) -> FloatArray:
     b = _PADE_13
-    identity = np.eye(A.shape[0])
+    identity = np.eye(A.shape[-1])
     A2 = A @ A
     A4 = A2 @ A2
     A6 = A4 @ A2

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg as la
 
 from trigpoint.arrays import FloatArray
+from trigpoint.linalg.exponentials import exponentials
 
 
 def transient_peak(H: FloatArray, steps: int = 64) -> float:
@@ -19,7 +19,7 @@ def transient_peak(H: FloatArray, steps: int = 64) -> float:
     abscissa = float(np.linalg.eigvals(stack).real.max())
     if not abscissa < 0.0:
         return float("inf")
-    step = la.expm(stack * (10.0 / -abscissa / steps))
+    step = exponentials(stack * (10.0 / -abscissa / steps))
     power, peak = np.broadcast_to(np.eye(stack.shape[1]), stack.shape), 1.0
     for _ in range(steps):
         power = step @ power

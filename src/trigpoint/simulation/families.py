@@ -8,12 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg as la
 
 from trigpoint.analysis.modes import mode_matrices
 from trigpoint.arrays import FloatArray, IntArray
 from trigpoint.errors import ArgumentError
 from trigpoint.linalg.blocks import Blocks
+from trigpoint.linalg.exponentials import exponentials
 from trigpoint.observers.network import DiffusiveObserver
 from trigpoint.simulation.plant import node_table
 from trigpoint.simulation.rule import changes
@@ -104,7 +104,7 @@ def _stack(
     coordinates = (vectors.transpose(0, 2, 1) @ first)[..., None]
     rows = []
     for time in scenario.times.tolist():
-        maps = np.exp(modes * time) if n == 1 else la.expm(modes * time)
+        maps = np.exp(modes * time) if n == 1 else exponentials(modes * time)
         rows.append(vectors @ (maps @ coordinates)[..., 0])
     slowest = np.linalg.eigvals(modes).real.max(axis=(1, 2))
     return list(np.stack(rows, axis=1)), np.maximum(values[:, 0], 0.0), slowest

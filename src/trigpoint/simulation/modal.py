@@ -11,6 +11,7 @@ import scipy.linalg as la
 from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
 from trigpoint.arrays import FloatArray
 from trigpoint.linalg import chebyshev
+from trigpoint.linalg.exponentials import exponentials
 from trigpoint.linalg.krylov import RationalKrylov
 from trigpoint.linalg.sparse import WIDEST, widest_level
 from trigpoint.observers.network import DiffusiveObserver
@@ -103,10 +104,10 @@ class _Functions:
         modes = mode_matrices(observer.agent.A, observer.injection, observer.agent.C, observer.gain * values)
         time = float(self.times[index])
         if not self.drive.any():
-            return np.exp(modes * time) if n == 1 else np.asarray(la.expm(modes * time))
+            return np.exp(modes * time) if n == 1 else exponentials(modes * time)
         block = np.zeros((values.shape[0], 2 * n, 2 * n))
         block[:, :n, :n], block[:, :n, n:] = modes, np.eye(n)
-        return np.asarray(la.expm(block * time)[:, :n])
+        return exponentials(block * time)[:, :n]
 
     def moved(self, values: FloatArray, coordinates: FloatArray, index: int) -> FloatArray:
         """(k, n) the coordinates of the error at a time, from those of the columns in the same eigenvectors."""

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from trigpoint.errors import ArgumentError
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
-from trigpoint.simulation import stacked
 from trigpoint.simulation.scenario import Scenario
+
+MODAL_FROM = 200
+"""Above so many states a continuous run of equal agents goes mode by mode: a dense exponential for every distinct step
+between two output times is slower from there on."""
 
 
 def chosen_path(scenario: Scenario, observer: NetworkObserver) -> str:
@@ -18,7 +21,7 @@ def chosen_path(scenario: Scenario, observer: NetworkObserver) -> str:
     losses, jitter, clocks, triggers, absences; or a topology
     that changes, with a period                                ``reference``
     continuous exchange with changes, noise or a motion        ``modal``
-    continuous exchange, equal agents, above 1500 states       ``modal``
+    continuous exchange, equal agents, above 200 states        ``modal``
     everything else, constant delays and rounding included     ``stacked``
     ========================================================== ====================
 
@@ -50,7 +53,8 @@ def chosen_path(scenario: Scenario, observer: NetworkObserver) -> str:
         return wanted
     if scenario.needs_events:
         return "reference"
-    return "modal" if splits and observer.error_matrix().shape[0] > stacked.DENSE_LIMIT else "stacked"
+    large = isinstance(observer, DiffusiveObserver) and observer.states.total > MODAL_FROM
+    return "modal" if splits and large else "stacked"
 
 
 def changes(scenario: Scenario) -> bool:

@@ -11,6 +11,7 @@ import scipy.linalg as la
 from trigpoint.analysis.modes import mode_matrices
 from trigpoint.arrays import BoolArray, FloatArray
 from trigpoint.errors import ArgumentError
+from trigpoint.linalg.exponentials import exponentials
 from trigpoint.observers.network import DiffusiveObserver
 from trigpoint.simulation.motion import Bouncing, Trajectory
 from trigpoint.simulation.plant import Plant, noise_factor
@@ -125,14 +126,14 @@ class _Step:
         self, modes: _Modes, x: FloatArray, error: FloatArray, duration: float, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
         """Error after ``duration``; the truth with its noise."""
-        moved = la.expm(modes.matrices * duration) @ (modes.vectors.T @ error)[:, :, None]
+        moved = exponentials(modes.matrices * duration) @ (modes.vectors.T @ error)[:, :, None]
         error = modes.vectors @ moved[:, :, 0]
         if not any(self._noise):
             return x, error
         agent, n = self._observer.agent, error.shape[1]
         factors = self._of(modes, round(duration, 12))
         drawn = (factors @ rng.standard_normal((error.shape[0], factors.shape[2], 1)))[:, :, 0]
-        free = x @ la.expm(agent.A * duration).T
+        free = x @ exponentials(agent.A * duration).T
         return free + modes.vectors @ drawn[:, :n], error + modes.vectors @ drawn[:, n:]
 
     def _of(self, modes: _Modes, duration: float) -> FloatArray:
@@ -190,7 +191,7 @@ def _surprise(
     block[:, :n, :n], block[:, :n, n : 2 * n], block[:, :n, 2 * n :] = modes.matrices, -observer.agent.A, np.eye(n)
     block[:, n : 2 * n, 2 * n :] = np.eye(n)
     given = modes.vectors.T @ np.concatenate([np.zeros_like(first), first, speed], axis=1)
-    return np.asarray(modes.vectors @ (la.expm(block * duration) @ given[:, :, None])[:, :n, 0])
+    return np.asarray(modes.vectors @ (exponentials(block * duration) @ given[:, :, None])[:, :n, 0])
 
 
 def _returned(scenario: Scenario, x: FloatArray, error: FloatArray, before: float, now: float) -> FloatArray:
