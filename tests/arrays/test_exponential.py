@@ -140,7 +140,7 @@ def test_transition_and_integral_satisfy_their_defining_equation_at_the_size_lim
 
 @pytest.mark.parametrize("bad", [np.zeros((2, 3)), np.zeros(2), np.zeros((65, 65))])
 def test_transition_refuses_what_is_no_small_square_matrix(bad) -> None:
-    with pytest.raises(ArgumentError, match="square matrices of at most 64 rows"):
+    with pytest.raises(ArgumentError, match="square matrix of at most 64 rows"):
         transition_and_integral(bad, 1.0)
 
 
