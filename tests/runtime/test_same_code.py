@@ -28,7 +28,7 @@ class Simulated:
 
     def move(self, time: float) -> None:
         if time > self._now:
-            self._state = self._world.advance(self._state, time - self._now)
+            self._state = self._world.advance(self._state, float(f"{time - self._now:.12g}"))
             self._now = time
 
     def truth(self):

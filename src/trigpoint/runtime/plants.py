@@ -71,6 +71,9 @@ class LinearPlant:
         self._deviations = dict(deviations or {})
         self._rng = np.random.default_rng(seed)
         self._maps: dict[tuple[bytes, float], tuple[FloatArray, FloatArray]] = {}
+        self._groups: dict[bytes, list[int]] = {}
+        for place, A in enumerate(self._dynamics):
+            self._groups.setdefault(A.tobytes(), []).append(place)
         self._now = 0.0
 
     @staticmethod
@@ -107,17 +110,19 @@ class LinearPlant:
 
     def move(self, time: float) -> None:
         """Go on to ``time`` [s]."""
-        duration = time - self._now
-        if duration <= 0.0:
+        if time <= self._now:
             return
-        for k, A in enumerate(self._dynamics):
-            key = (A.tobytes(), duration)
+        duration = float(f"{time - self._now:.12g}")  # equal steps of a time axis differ in their last digits only
+        for known, places in self._groups.items():
+            key = (known, duration)
             if key not in self._maps:
                 if len(self._maps) > _KEPT:
                     self._maps.clear()
-                self._maps[key] = transition_and_integral(A, duration)
+                self._maps[key] = transition_and_integral(self._dynamics[places[0]], duration)
             transition, integral = self._maps[key]
-            self._state[k] = transition @ self._state[k] + integral @ self._drives[k]
+            states, drives = (np.array([rows[k] for k in places]) for rows in (self._state, self._drives))
+            for k, moved in zip(places, states @ transition.T + drives @ integral.T, strict=True):
+                self._state[k] = moved
         self._now = time
 
     def truth(self) -> list[FloatArray]:
