@@ -120,6 +120,7 @@ def test_the_topology_is_json_without_nan():
     assert json.loads(json.dumps(message, allow_nan=False)) == message
     assert (message["type"], message["version"], message["mode"]) == ("topology", 2, "replay")
     assert (message["title"], message["rate"], message["unit"]) == ("file", 0.5, "m")
+    assert message["rate_name"] == "guaranteed rate"
     assert message["arcs"] == [[0, 1], [1, 2]]
     assert message["anchored"] == [2]
     assert (message["x"], message["y"]) == ([0, 1, 1], [0, 0, 2])

@@ -4,7 +4,8 @@ Topology message (JSON text, once)::
 
     {"type": "topology", "version": 2, "mode": "replay" or "live", "title": text, "unit": text or "",
      "names": [N], "x": [N], "y": [N], "arcs": [[i, j], ...] (M pairs), "anchored": [nodes with an external arc],
-     "rate": guaranteed decay rate, 1/s, or null, "stale": seconds or null, "states": [text of each state code],
+     "rate": decay rate to draw, 1/s, or null, "rate_name": what it is, "stale": seconds or null,
+     "states": [text of each state code],
      "colours": of error, uncertainty, state, age those that the source knows, "links": of loss, age those,
      "controls": [orders that a node takes], "times": [T] (replay; else []),
      "norm": {"times": [], "values": []}, "error_range": [low, high] or null}
@@ -67,8 +68,9 @@ class Scene:
         graph: the network.
         title: what the page is called: a file or a network.
         positions: (N, 2) or (N, 3) places (plan view); None: placed by the hops between the nodes.
-        rate: decay rate that is guaranteed, 1/s, drawn beside the error; None for none.
+        rate: decay rate, 1/s, drawn beside the error; None for none.
         unit: unit of the state, for the legends; empty where there is none or it is mixed.
+        rate_name: what ``rate`` is.
     """
 
     graph: MeasurementGraph
@@ -76,6 +78,7 @@ class Scene:
     positions: ArrayLike | None = None
     rate: float | None = None
     unit: str = ""
+    rate_name: str = "guaranteed rate"
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +177,7 @@ def topology_message(scene: Scene, names: tuple[str, ...], **known: Any) -> dict
         "arcs": arc_pairs(graph)[0].tolist(),
         "anchored": graph.anchored_nodes.tolist(),
         "rate": scene.rate,
+        "rate_name": scene.rate_name,
         "states": list(STATES),
         **known,
     }

@@ -36,7 +36,7 @@ class Page {
   private plotted = 0;
   private legendKey = "";
   private eventCount = 0;
-  private guaranteed: ((time: number) => number | null) | null = null;
+  private expected: ((time: number) => number | null) | null = null;
 
   constructor() {
     this.connection = new Connection({
@@ -101,21 +101,21 @@ class Page {
     const lines = [{ label: "error norm", colour: 0, width: 2.2 }];
     const columns: Numbers[] = [times, values];
     if (topology.rate) {
-      lines.push({ label: `guaranteed rate ${short(topology.rate, 3)} /s`, colour: -1, width: 1.4 });
+      lines.push({ label: `${topology.rate_name} ${short(topology.rate, 3)} /s`, colour: -1, width: 1.4 });
       Object.assign(lines[1], { dashed: true });
       const floor = Math.min(...values.filter((v): v is number => v !== null && v > 0)) / 3;
       this.anchorRate(topology.rate, times, values, topology.mode === "replay" ? floor : 0);
-      columns.push(times.map((time) => this.guaranteed?.(time) ?? null));
+      columns.push(times.map((time) => this.expected?.(time) ?? null));
     }
     this.norm.begin(lines, columns);
   }
 
-  /** The line of the guaranteed rate starts at the first error that is known. */
+  /** The line of the rate starts at the first error that is known. */
   private anchorRate(rate: number, times: number[], values: Numbers, floor: number): void {
     const start = values.findIndex((value) => value !== null && value > 0);
     if (start < 0) return;
     const [t0, first] = [times[start], values[start]!];
-    this.guaranteed = (time) => {
+    this.expected = (time) => {
       const value = first * Math.exp(-rate * (time - t0));
       return value > floor && value > 1e-6 * first ? value : null;
     };
@@ -133,8 +133,8 @@ class Page {
       this.playback?.at(frame.index);
       for (const plot of [this.norm, this.card?.estimate, this.card?.error]) plot?.moveMark(frame.time);
     } else {
-      if (this.topology.rate && !this.guaranteed) this.anchorRate(this.topology.rate, [frame.time], [frame.norm], 0);
-      this.norm?.push(frame.time, [Number.isFinite(frame.norm) ? frame.norm : null, this.guaranteed?.(frame.time) ?? null]);
+      if (this.topology.rate && !this.expected) this.anchorRate(this.topology.rate, [frame.time], [frame.norm], 0);
+      this.norm?.push(frame.time, [Number.isFinite(frame.norm) ? frame.norm : null, this.expected?.(frame.time) ?? null]);
       this.plotLater();
     }
   }

@@ -17,6 +17,7 @@ export interface Topology {
   arcs: [number, number][];
   anchored: number[];
   rate: number | null;
+  rate_name: string;
   stale: number | null;
   states: string[];
   colours: Layer[];
