@@ -147,6 +147,24 @@ def test_the_queue_is_bounded_and_keeps_orders(nodes):
     assert member.machine.counters.rejected["malformed"] == turns
 
 
+def test_the_queue_is_bounded_in_bytes(nodes):
+    """Frames as long as the codec allows, of a neighbour whose state has one component."""
+    clock = Clock()
+    host, (wire,), (member,) = hosted(nodes[:1], clock)
+    key, sink = next((key, sink) for key, sink in wire.sinks.items() if key.endswith("/estimate"))
+    for k in range(50):
+        sink(key, encode_frame(Frame(Kind.ESTIMATE, "1", 1, k, 1000.0, (-1.0, 0.0, 0.0, 1.0), np.zeros(4096))))
+    good = encode_frame(Frame(Kind.ESTIMATE, "1", 1, 50, 1000.0, (-1.0, 0.0, 0.0, 1.0), np.zeros(1)))
+    sink(key, good)
+    waiting = [host._mail.get() for _ in range(51)]
+    assert sum(len(one.data) for one in waiting) < 51 * 100
+    assert len(good) <= member.machine.longest
+    for one in waiting:
+        member.machine.receive(one.time, one.key, one.data)
+    assert member.machine.counters.rejected["malformed"] == 50
+    assert member.machine.counters.accepted == 1
+
+
 def test_reload_takes_new_neighbours_and_survives_a_slip(nodes, capsys):
     clock = Clock()
     with_one = replace(nodes[1], program=replace(nodes[1].program, arcs=nodes[1].program.arcs[:1], _memo={}), peers={})

@@ -57,6 +57,11 @@ _FEW = 32
 
 LARGEST_FRAME = _HEAD.size + _LONGEST_NAME + 8 * (max(len(facts) for facts in FACTS.values()) + _MOST_VALUES)
 
+def frame_size(name: str, count: int) -> int:
+    """Bytes of the longest frame of a sender of this ``name`` with ``count`` values, whatever its kind."""
+    return _HEAD.size + len(name.encode("utf-8")) + 8 * (max(len(facts) for facts in FACTS.values()) + count)
+
+
 _NOTHING = frozen(np.zeros(0))
 
 

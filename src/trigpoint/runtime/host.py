@@ -150,12 +150,13 @@ class Host:
         heapq.heappush(self._agenda, (due + period, number))
 
     def _sink(self, number: int) -> Sink:
-        mail, clock = self._mail, self._clock
+        mail, clock, machine = self._mail, self._clock, self._members[number].machine
 
         def sink(key: str, data: bytes) -> None:
             if mail.qsize() >= self._limit:
                 self._drop_oldest()
-            mail.put(_Arrival(clock.now(), number, key, data))
+            # cut where it is too long to be let in: it stays malformed, and the queue is bounded in bytes, too
+            mail.put(_Arrival(clock.now(), number, key, data[: machine.longest + 1]))
 
         return sink
 

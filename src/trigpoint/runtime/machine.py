@@ -18,7 +18,7 @@ from trigpoint.runtime.gate import LARGEST_VALUE, REASONS, Counters, Route, Sour
 from trigpoint.runtime.knowledge import Knowledge, averaged, learn
 from trigpoint.runtime.latched import NOTHING, Latched, Reading, latched, pull_rates
 from trigpoint.runtime.links import Heard, Link, State
-from trigpoint.runtime.routes import neighbours, routes_of
+from trigpoint.runtime.routes import longest_of, neighbours, routes_of
 from trigpoint.runtime.settings import NodeSettings
 from trigpoint.runtime.status import LinkStatus, NodeStatus
 from trigpoint.runtime.topics import node_key, ping_key
@@ -145,6 +145,11 @@ class NodeMachine:
         """Keys that the node listens to."""
         return tuple(self._routes)
 
+    @property
+    def longest(self) -> int:
+        """Bytes of the longest frame that it may let in; no more need be kept of what waits to be looked at."""
+        return self._longest
+
     # -- what the host does ----------------------------------------------------------------------------------------
     def start(self, now: float) -> tuple[Outgoing, ...]:
         """Say HELLO."""
@@ -239,6 +244,7 @@ class NodeMachine:
             return self._sources.setdefault(name, one)
 
         self._routes = routes_of(settings, source)
+        self._longest = longest_of(self._routes.values())
         reads = set(settings.program.reads)
         self._readings = {label: reading for label, reading in self._readings.items() if label in reads}
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
-from trigpoint.runtime.codec import Kind
+from trigpoint.runtime.codec import Kind, frame_size
 from trigpoint.runtime.gate import Route, Source
 from trigpoint.runtime.settings import NodeSettings
 from trigpoint.runtime.topics import node_key, ping_key, reading_key
@@ -55,3 +55,8 @@ def routes_of(settings: NodeSettings, source: Callable[[str], Source]) -> dict[s
         routes[reading_key(network, label)] = Route(_READ, sensors, source(f"reading {label}"), width, label)
     routes[node_key(network, name, "control")] = Route(_ORDERED, guests(settings, "supervisor"), source("orders"))
     return routes
+
+
+def longest_of(routes: Iterable[Route]) -> int:
+    """Bytes of the longest frame that one of these ``routes`` lets in."""
+    return max((frame_size(name, route.size) for route in routes for name in route.senders), default=0)
