@@ -9,7 +9,7 @@ import trigpoint as tp
 from tests.runtime.given import PERIOD, STATIC, case
 from trigpoint.arrays import expm
 from trigpoint.errors import ArgumentError
-from trigpoint.observers.local import Message
+from trigpoint.observers.local import LocalArc, LocalObserver, Message
 from trigpoint.runtime import (
     GO,
     LINK_FIELDS,
@@ -21,12 +21,14 @@ from trigpoint.runtime import (
     Frame,
     Kind,
     NodeMachine,
+    NodeSettings,
     State,
     decode_frame,
     encode_frame,
     node_status,
 )  # fmt: skip
 from trigpoint.runtime.codec import LARGEST_FRAME
+from trigpoint.runtime.status import MOST_NEIGHBOURS
 from trigpoint.runtime.topics import node_key, ping_key, reading_key
 from trigpoint.runtime.virtual import SENSOR
 
@@ -406,3 +408,31 @@ def test_greetings_carry_the_epoch() -> None:
     hello, bye = (decode_frame(frames[0].data) for frames in (machine.start(START), machine.stop(START)))
     assert (hello.kind, bye.kind) == (Kind.HELLO, Kind.BYE)
     assert hello.epoch == bye.epoch == 5
+
+
+def program_of(name: str = "a", states: int = 1, neighbours: int = 1) -> LocalObserver:
+    one = np.eye(1)
+    arcs = tuple(LocalArc(k, f"n{k}", 1.0, np.ones((states, 1)), np.ones((1, states)), one) for k in range(neighbours))
+    return LocalObserver(name, np.zeros((states, states)), None, arcs)
+
+
+@pytest.mark.parametrize(
+    ("program", "message"),
+    [
+        (program_of(neighbours=MOST_NEIGHBOURS + 1), "hears 680 neighbours; a live node hears at most 679"),
+        (program_of(states=4097), "has 4097 states; a live node has at most 4096"),
+        (program_of(name="ä" * 513), "1 to 1024 bytes; rename"),
+        (program_of(name=""), "1 to 1024 bytes; rename"),
+    ],
+)
+def test_a_node_whose_frames_would_not_fit_is_refused_at_once(program, message) -> None:
+    """Not by every process of it that starts, at its first status."""
+    with pytest.raises(ArgumentError, match=message):
+        NodeMachine(NodeSettings("net", program, PERIOD), epoch=1, now=100.0)
+
+
+def test_the_largest_status_fits_one_frame() -> None:
+    settings = NodeSettings("net", program_of(neighbours=MOST_NEIGHBOURS), PERIOD)
+    machine = NodeMachine(settings, epoch=1, now=100.0)
+    (*_, last) = machine.act(100.0 + PERIOD)
+    assert len(node_status(decode_frame(last.data), settings.program.hears).links) == MOST_NEIGHBOURS

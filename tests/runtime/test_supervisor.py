@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import shutil
 import subprocess
 import sys
 import time
@@ -55,6 +56,30 @@ def test_a_process_that_keeps_failing_is_started_ever_more_seldom(failing):
     assert failing.dead == ()
     failing.kill("0")
     assert failing.dead == ("0",)
+
+
+def test_a_disk_that_refuses_does_not_end_the_run(failing):
+    """Neither the status nor the output can be written: what runs goes on, is started again, and is ended in order."""
+    failing.start()
+    folder = failing.status_file.parent
+    failing.kill("0")
+    shutil.rmtree(folder)
+    folder.write_text("no folder any more", encoding="utf-8")
+    failing.revive("0")
+    assert failing.dead == ("0",)
+    assert failing.reason("0").startswith("ended before it began: [Errno 20]")
+    assert failing._group["0"].due > 0.0  # it is tried again
+    limit = time.monotonic() + 30.0
+    while failing.restarts < 3:
+        assert time.monotonic() < limit
+        failing.tick()
+        time.sleep(0.01)
+    failing.stop()
+    assert sum("cannot write" in text for _, _, text in failing.events) == 1
+    folder.unlink()
+    folder.mkdir()
+    failing.kill("0")
+    assert failing.status_file.exists()
 
 
 def test_orders_need_links(failing):

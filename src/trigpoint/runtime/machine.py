@@ -20,7 +20,7 @@ from trigpoint.runtime.latched import NOTHING, Latched, Reading, latched, pull_r
 from trigpoint.runtime.links import Heard, Link, State
 from trigpoint.runtime.routes import longest_of, neighbours, routes_of
 from trigpoint.runtime.settings import NodeSettings
-from trigpoint.runtime.status import LinkStatus, NodeStatus
+from trigpoint.runtime.status import LinkStatus, NodeStatus, require_frames
 from trigpoint.runtime.topics import node_key, ping_key
 
 GO, PAUSE = 0, 1
@@ -216,7 +216,7 @@ class NodeMachine:
         """Go on with new ``settings``: the state and known neighbours stay, arcs and peers may be others.
 
         Raises:
-            ArgumentError: the settings are another node's, or of another number of states.
+            ArgumentError: the settings are another node's, of another number of states, or of too many neighbours.
         """
         old = self._settings
         same = (old.network, old.name, old.program.n_states)
@@ -231,6 +231,7 @@ class NodeMachine:
 
     # -- inside ----------------------------------------------------------------------------------------------------
     def _adopt(self, settings: NodeSettings) -> None:
+        require_frames(settings.program)
         self._settings = settings
         self._rates = pull_rates(settings.program)
         self._links = {name: self._links.get(name) or Link(name) for name in neighbours(settings)}
