@@ -233,9 +233,26 @@ def _read_pair(certificate: Path, key: Path) -> _Pair:
 
     try:
         private = forms.load_pem_private_key(key.read_bytes(), password=None)
-        return _Pair(_crypto().load_pem_x509_certificate(certificate.read_bytes()), private)
+        pair = _Pair(_crypto().load_pem_x509_certificate(certificate.read_bytes()), private)
+        _check_authority(pair)
+        return pair
     except (OSError, ValueError, TypeError) as error:
         raise ArgumentError(
             f"{certificate} and {key} are no authority that can sign ({error}); name another folder, or allow"
             " overwriting to make all keys afresh"
         ) from error
+
+
+def _check_authority(pair: _Pair) -> None:
+    """What it signs would be refused, link by link and without a word, where the pair does not belong together."""
+    x509 = _crypto()
+    if pair.certificate.public_key() != pair.key.public_key():
+        raise ValueError("the key belongs to another certificate")
+    try:
+        signs = pair.certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+    except x509.ExtensionNotFound:
+        signs = False
+    if not signs:
+        raise ValueError("the certificate is a member's")
+    if pair.certificate.not_valid_after_utc < datetime.datetime.now(datetime.UTC):
+        raise ValueError("the certificate has expired")
