@@ -5,6 +5,7 @@ With ``--tied`` the process ends when its standard input does.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from trigpoint.errors import TrigpointError
 from trigpoint.runtime.access import guest_rules
-from trigpoint.runtime.clock import SystemClock, new_epoch
+from trigpoint.runtime.clock import new_epoch, told_clock
 from trigpoint.runtime.endpoints import is_local, parse_address, require_safe
 from trigpoint.runtime.host import Host, Member
 from trigpoint.runtime.machine import NodeMachine
@@ -47,9 +48,9 @@ def run_nodes(nodes: Sequence[tuple[NodeSettings, Path | None]], *, tied: bool) 
 
     Settings that are read again may bring plain text beyond this machine only where it was there from the start.
     """
-    clock, members = SystemClock(), []
+    clock, members = told_clock(os.environ), []
     for settings, path in nodes:
-        machine = NodeMachine(settings, epoch=new_epoch(), now=clock.now())
+        machine = NodeMachine(settings, epoch=new_epoch(clock), now=clock.now())
         again = None if path is None else partial(reread, path, allow_plain=speaks_plainly(settings))
         members.append(Member(machine, open_transport, again))
     host = Host(members, clock)
@@ -82,9 +83,9 @@ def _addresses(settings: NodeSettings) -> list[str]:
 
 def run_plant(settings: PlantSettings, *, tied: bool) -> None:
     """Run the plant of these ``settings`` until told to stop, or ``tied`` until standard input ends."""
-    transport = plant_transport(settings)
+    transport, clock = plant_transport(settings), told_clock(os.environ)
     try:
-        PlantLoop(settings, transport, SystemClock(), epoch=new_epoch()).run(tied=tied)
+        PlantLoop(settings, transport, clock, epoch=new_epoch(clock)).run(tied=tied)
     finally:
         transport.close()
 

@@ -25,7 +25,6 @@ MOST_VALUES = 4096
 """Values of one frame at most."""
 
 
-
 class Kind(IntEnum):
     """What a frame says."""
 
@@ -58,6 +57,7 @@ _FORMATS = tuple(f"<{count}d" for count in range(1 + max(len(facts) for facts in
 _FEW = 32
 
 LARGEST_FRAME = _HEAD.size + _LONGEST_NAME + 8 * (max(len(facts) for facts in FACTS.values()) + MOST_VALUES)
+
 
 def require_name(name: str) -> None:
     """Refuse a ``name`` that no frame can carry: an ``ArgumentError``."""
@@ -136,11 +136,7 @@ def decode_frame(data: bytes) -> Frame:
     if kind not in _TOLD:
         raise ProtocolError(f"unknown kind of frame {kind}")
     kind, told = _TOLD[kind]
-    if (
-        name_length > _LONGEST_NAME
-        or count > MOST_VALUES
-        or len(data) != _HEAD.size + name_length + 8 * (told + count)
-    ):
+    if name_length > _LONGEST_NAME or count > MOST_VALUES or len(data) != _HEAD.size + name_length + 8 * (told + count):
         raise ProtocolError(f"the frame's length {len(data)} does not fit its head")
     try:
         sender = data[_HEAD.size : _HEAD.size + name_length].decode("utf-8")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from trigpoint.errors import ArgumentError, MissingExtraError
-from trigpoint.runtime.clock import Clock, new_epoch
+from trigpoint.runtime.clock import Clock, new_epoch, setting_of
 from trigpoint.runtime.codec import Frame, Kind, encode_frame
 from trigpoint.runtime.plan import LivePlan
 from trigpoint.runtime.topics import node_key
@@ -89,7 +89,7 @@ class Supervisor:
         self._plan, self._clock, self._transport = plan, clock, transport
         self._children: list[_Child] = []
         self._group: dict[str, _Child] = {}
-        self._epoch, self._sequence = new_epoch(), 0
+        self._epoch, self._sequence = new_epoch(clock), 0
         self._looked = 0.0
         self._lost: tuple[str, ...] | None = None
         self._unwritten = False
@@ -242,7 +242,7 @@ class Supervisor:
                     stdout=output,
                     stderr=output,
                     process_group=0,
-                    env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+                    env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", **setting_of(self._clock)},
                 )
         except OSError as error:
             child.failures += 1
