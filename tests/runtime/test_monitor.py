@@ -134,6 +134,21 @@ def test_a_flood_does_not_hold_up_whoever_polls():
     assert [monitor.poll() for _ in range(3)] == [1, 1, 1]
 
 
+def test_a_node_that_floods_does_not_fill_the_log():
+    hand, monitor = watching()
+    logged = []
+    monitor.hooks.append(lambda frame, _: logged.append(frame.sender))
+    for k in range(5000):
+        hand.time = 100.0 + k / 5000.0
+        hand.feed(*estimate("a", k, hand.time, [1.0, 1.0]))
+        if k % 100 == 0:
+            hand.feed(*estimate("b", k, hand.time, [1.0, 1.0]))
+    monitor.poll()
+    assert 1000 <= logged.count("a") <= 2000  # so many at once, and so many a second
+    assert monitor.flooded == 5000 - logged.count("a")
+    assert logged.count("b") == 50
+
+
 def test_a_frame_of_the_far_future_keeps_its_place_for_some_seconds_only():
     hand, monitor = watching()
     hand.feed(*estimate("a", 2**64 - 1, 100.0, [1.0, 0.0], 2**64 - 1))

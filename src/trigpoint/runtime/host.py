@@ -230,7 +230,7 @@ class Host:
         self._heard[number].clear()
 
     def _subscribe(self, number: int, patterns: Iterable[str]) -> None:
-        """Listen to those of the ``patterns`` that the open links do not listen to yet: once each, or all comes twice."""
+        """Listen to those of the ``patterns`` that the open links do not listen to yet: twice, and all comes twice."""
         sink, heard = self._sink(number), self._heard[number]
         for pattern in patterns:
             if pattern not in heard:

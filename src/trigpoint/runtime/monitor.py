@@ -15,6 +15,7 @@ from trigpoint.errors import ProtocolError
 from trigpoint.observers.local import LocalObserver, LocalState
 from trigpoint.runtime.clock import Clock
 from trigpoint.runtime.codec import LARGEST_FRAME, Frame, Kind, decode_frame
+from trigpoint.runtime.gate import Bucket
 from trigpoint.runtime.routes import reading_sizes
 from trigpoint.runtime.status import NodeStatus, node_status
 from trigpoint.runtime.topics import everything, node_key, reading_key, truth_key
@@ -27,6 +28,7 @@ _WAITING = 65536
 _WAITING_BYTES = 256 * 2**20
 _REMEMBERED = 16384
 _FORGET = 5.0
+_RATE = 1000.0  # frames a second of one key
 _SAID = {
     "estimate": frozenset({Kind.ESTIMATE}),
     "status": frozenset({Kind.STATUS}),
@@ -85,7 +87,7 @@ def watched(network: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Place:
-    """What may stand under one key: ``kinds`` of frames of a ``sender`` (None: anybody) of this ``size`` and ``label``."""
+    """What may stand under one key: ``kinds`` of frames of a ``sender`` (None: anybody) of ``size``, ``label``."""
 
     kinds: frozenset[Kind]
     sender: str | None = None
@@ -121,7 +123,8 @@ class Monitor:
     the hooks, and keeps the latest. ``snapshot`` may be called from another thread.
 
     By access rules a node publishes under its own keys only. So what stands under a key of another sender, arc or size,
-    or under a key of nobody in ``programs``, is counted in ``strangers`` and goes nowhere, not into the log either.
+    or under a key of nobody in ``programs``, is counted in ``strangers`` and goes nowhere, not into the log either; nor
+    does what exceeds 1000 frames a second under one key, counted in ``flooded``: a node must not fill the disk.
     Frames of a node are ordered by epoch and sequence; after 5 s without a newer one the next is taken whatever its
     number, so that no forged frame keeps a node's place for ever.
 
@@ -145,6 +148,7 @@ class Monitor:
         self._clock, self._began = clock, clock.now()
         self._programs = {program.name: program for program in programs}
         self._places = _places(network, programs)
+        self._buckets = {key: Bucket(_RATE) for key in self._places}
         self._motions = {} if motions is None else dict(motions)
         self._waiting: deque[tuple[float, str, bytes]] = deque(maxlen=_WAITING)
         self._waiting_bytes = 0
@@ -156,7 +160,7 @@ class Monitor:
         self._readings: dict[int, FloatArray] = {}
         self._late = {kind: deque[float](maxlen=_REMEMBERED) for kind in (Kind.ESTIMATE, Kind.READING)}
         self.hooks: list[Hook] = []
-        self.received = self.dropped = self.malformed = self.strangers = self.received_bytes = 0
+        self.received = self.dropped = self.malformed = self.strangers = self.flooded = self.received_bytes = 0
         for pattern in watched(network):
             transport.subscribe(pattern, self._sink)
 
@@ -205,6 +209,9 @@ class Monitor:
                 frame = decode_frame(data)
                 if place is None or not place.fits(frame):
                     self.strangers += 1
+                    continue
+                if not self._buckets[key].lets(arrived):
+                    self.flooded += 1
                     continue
                 with self._lock:
                     self._keep(frame, arrived)

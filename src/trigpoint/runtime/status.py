@@ -45,8 +45,8 @@ def require_frames(program: LocalObserver) -> None:
         )
     if len(program.hears) > MOST_NEIGHBOURS:
         raise ArgumentError(
-            f"node {program.name!r} hears {len(program.hears)} neighbours; a live node hears at most {MOST_NEIGHBOURS}: "
-            "leave arcs out, or give the node's part to several"
+            f"node {program.name!r} hears {len(program.hears)} neighbours; a live node hears at most {MOST_NEIGHBOURS}"
+            ": leave arcs out, or give the node's part to several"
         )
 
 
