@@ -112,6 +112,23 @@ def test_the_norm_waits_for_everybody():
     assert moment(feed).norm == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("ordered", [False, True])
+def test_a_paused_node_that_dies_is_silent(ordered):
+    """Its last word was that it is paused; a paused node goes on to say so, every 0.5 s here."""
+    feed, _ = live()
+    said = [status_of(paused=not ordered) for _ in range(4)]
+    for k in range(20):
+        status = (said[k // 5], status_of(), status_of(), status_of())
+        feed.absorb(snapshot(NAMES, 0.1 * k, status=status, age=[0.1 * k, 0.0, 0.0, 0.0]))
+        if ordered and k == 0:
+            feed.ordered("pause", 0)
+    assert states(feed)[0] == "paused"
+    for k in range(20, 45):
+        status = (said[-1], status_of(), status_of(), status_of())
+        feed.absorb(snapshot(NAMES, 0.1 * k, status=status, age=[0.1 * k, 0.0, 0.0, 0.0]))
+    assert states(feed) == ["silent", "anchored", "anchored", "anchored"]
+
+
 def test_an_order_to_pause_explains_the_silence():
     feed, _ = live()
     feed.absorb(snapshot(NAMES, 1.0))
