@@ -182,7 +182,7 @@ class LiveFeed:
         self._remember(snapshot)
 
     def ordered(self, order: str, node: int) -> None:
-        """Take note that the page gave ``order`` to ``node``: a paused node is silent until its next status says why."""
+        """Take note that the page gave ``order`` to ``node``: a paused node is silent until its status tells why."""
         (self._paused.add if order == "pause" else self._paused.discard)(node)
         self.note(f"{self.names[node]}: {order} ordered from the page", node)
 
