@@ -1,5 +1,6 @@
 """The live feed: states, events, link quality, bounded memory, and the socket that it is told through."""
 
+import asyncio
 import json
 import math
 
@@ -383,3 +384,17 @@ def test_a_source_that_fails_ends_the_feed():
     feed = LiveFeed(Failing(graph), Scene(graph), period=0.01)
     with client_of(feed) as client, connect(client) as session:
         assert "the monitor lost its link" in receive_until(session, "end")["text"]
+
+
+@pytest.mark.parametrize("wrong", [tuple("abcx"), None])
+def test_a_feed_that_cannot_go_on_says_so(wrong):
+    """Snapshots of another network, or none: not a page that shows its last moment for ever."""
+
+    def source():
+        if wrong is None:
+            raise ArgumentError("gone")
+        return snapshot(wrong)
+
+    feed = LiveFeed(source, Scene(named(graphs.chain(4), NAMES)), period=0.001)
+    asyncio.run(asyncio.wait_for(feed.follow(), 5.0))
+    assert feed.ended.startswith("The run cannot be followed any longer: ")

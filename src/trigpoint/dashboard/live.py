@@ -147,11 +147,12 @@ class LiveFeed:
         while self.ended is None:
             try:
                 snapshot = await asyncio.to_thread(self._source)
-            except TrigpointError as error:
+                if self.ended is not None:  # the source may have said so
+                    return
+                self.absorb(snapshot)
+            except TrigpointError as error:  # else the pages would show the last moment for ever
                 self.end(f"The run cannot be followed any longer: {error}")
-            if self.ended is not None:  # the source may have said so, too
                 return
-            self.absorb(snapshot)
             due = max(due + self.period, clock())
             await asyncio.sleep(due - clock())
 
