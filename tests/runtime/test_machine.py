@@ -228,6 +228,19 @@ def test_a_question_for_the_time_is_answered_and_an_answer_measures_the_clock() 
     assert (pong.kind, pong.facts) == (Kind.PONG, (START + 100.0, START + 0.1))
 
 
+@pytest.mark.parametrize("kind", [Kind.HELLO, Kind.ESTIMATE])
+def test_the_clock_of_a_process_that_is_gone_is_forgotten(kind) -> None:
+    """A neighbour that was started again, its clock set right: no warning of the old one, HELLO heard or lost."""
+    bench = Bench(MOVING)
+    bench.machine.act(START)
+    bench.give(bench.frame())
+    bench.give(bench.frame(Kind.PONG, time=START + 0.2, facts=(START, START + 0.2)))
+    assert bench.machine.status.warning is not None
+    bench.give(bench.frame(kind, epoch=2))
+    assert bench.link().offset is None
+    assert bench.machine.status.warning is None
+
+
 def test_clocks_that_differ_are_warned_about_with_the_floor_they_cause() -> None:
     bench = Bench(MOVING)
     bench.machine.act(START)

@@ -50,8 +50,10 @@ def test_a_process_that_keeps_failing_is_started_ever_more_seldom(failing):
     assert waits[1] >= 1.0
     output = (failing.status_file.parent / "output" / "process-0.txt").read_text(encoding="utf-8")
     assert output.startswith("error: ")
+    before = failing.dead
     failing.stop()
-    assert failing.dead_before_the_end in ((), ("0",))
+    assert failing.dead_before_the_end == before
+    assert failing.dead == ("0",)
     failing.revive("0")
     assert failing.dead == ()
     failing.kill("0")
