@@ -1,5 +1,6 @@
 """The live feed: states, events, link quality, bounded memory, and the socket that it is told through."""
 
+import asyncio
 import json
 import math
 
@@ -110,6 +111,23 @@ def test_the_norm_waits_for_everybody():
     assert math.isnan(moment(feed).norm)
     feed.absorb(snapshot(NAMES, 2.0))
     assert moment(feed).norm == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_a_paused_node_that_dies_is_silent(ordered):
+    """Its last word was that it is paused; a paused node goes on to say so, every 0.5 s here."""
+    feed, _ = live()
+    said = [status_of(paused=not ordered) for _ in range(4)]
+    for k in range(20):
+        status = (said[k // 5], status_of(), status_of(), status_of())
+        feed.absorb(snapshot(NAMES, 0.1 * k, status=status, age=[0.1 * k, 0.0, 0.0, 0.0]))
+        if ordered and k == 0:
+            feed.ordered("pause", 0)
+    assert states(feed)[0] == "paused"
+    for k in range(20, 45):
+        status = (said[-1], status_of(), status_of(), status_of())
+        feed.absorb(snapshot(NAMES, 0.1 * k, status=status, age=[0.1 * k, 0.0, 0.0, 0.0]))
+    assert states(feed) == ["silent", "anchored", "anchored", "anchored"]
 
 
 def test_an_order_to_pause_explains_the_silence():
@@ -366,3 +384,17 @@ def test_a_source_that_fails_ends_the_feed():
     feed = LiveFeed(Failing(graph), Scene(graph), period=0.01)
     with client_of(feed) as client, connect(client) as session:
         assert "the monitor lost its link" in receive_until(session, "end")["text"]
+
+
+@pytest.mark.parametrize("wrong", [tuple("abcx"), None])
+def test_a_feed_that_cannot_go_on_says_so(wrong):
+    """Snapshots of another network, or none: not a page that shows its last moment for ever."""
+
+    def source():
+        if wrong is None:
+            raise ArgumentError("gone")
+        return snapshot(wrong)
+
+    feed = LiveFeed(source, Scene(named(graphs.chain(4), NAMES)), period=0.001)
+    asyncio.run(asyncio.wait_for(feed.follow(), 5.0))
+    assert feed.ended.startswith("The run cannot be followed any longer: ")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.runtime.living import CHAIN, planned
-from trigpoint.errors import FileFormatError
+from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.runtime import Frame, Host, Kind, Member, NodeMachine, decode_frame, encode_frame
 from trigpoint.runtime.endings import Order, listen_for_orders
 from trigpoint.runtime.topics import node_key
@@ -147,6 +147,24 @@ def test_the_queue_is_bounded_and_keeps_orders(nodes):
     assert member.machine.counters.rejected["malformed"] == turns
 
 
+def test_the_queue_is_bounded_in_bytes(nodes):
+    """Frames as long as the codec allows, of a neighbour whose state has one component."""
+    clock = Clock()
+    host, (wire,), (member,) = hosted(nodes[:1], clock)
+    key, sink = next((key, sink) for key, sink in wire.sinks.items() if key.endswith("/estimate"))
+    for k in range(50):
+        sink(key, encode_frame(Frame(Kind.ESTIMATE, "1", 1, k, 1000.0, (-1.0, 0.0, 0.0, 1.0), np.zeros(4096))))
+    good = encode_frame(Frame(Kind.ESTIMATE, "1", 1, 50, 1000.0, (-1.0, 0.0, 0.0, 1.0), np.zeros(1)))
+    sink(key, good)
+    waiting = [host._mail.get() for _ in range(51)]
+    assert sum(len(one.data) for one in waiting) < 51 * 100
+    assert len(good) <= member.machine.longest
+    for one in waiting:
+        member.machine.receive(one.time, one.key, one.data)
+    assert member.machine.counters.rejected["malformed"] == 50
+    assert member.machine.counters.accepted == 1
+
+
 def test_reload_takes_new_neighbours_and_survives_a_slip(nodes, capsys):
     clock = Clock()
     with_one = replace(nodes[1], program=replace(nodes[1].program, arcs=nodes[1].program.arcs[:1], _memo={}), peers={})
@@ -174,6 +192,68 @@ def test_reload_takes_new_neighbours_and_survives_a_slip(nodes, capsys):
     assert host.turn()
     assert "settings not taken: node.json: damaged" in capsys.readouterr().err
     assert machine.settings is nodes[1]
+
+
+def test_settings_whose_links_cannot_be_opened_leave_the_node_as_it_was(nodes, capsys):
+    """A slip in an address must not leave a node that runs on without links, deaf and unnoticed."""
+    clock, wires, bad = Clock(), [], replace(nodes[1], listen="tcp/nonsense")
+
+    def links(given):
+        if given.listen == bad.listen:
+            raise ArgumentError("no such address")
+        wires.append(Wire(given))
+        return wires[-1]
+
+    machine = NodeMachine(nodes[1], epoch=int(1e12), now=clock.now())
+    host = Host([Member(machine, links, lambda: bad)], clock)
+    host.start()
+    host.tell(Order.RELOAD)
+    assert host.turn()
+    assert "settings not taken: no such address" in capsys.readouterr().err
+    assert machine.settings is nodes[1]
+    assert [wire.open for wire in wires] == [False, True]
+    assert set(wires[1].sinks) == set(wires[0].sinks) == set(machine.subscriptions())
+    clock.time += PERIOD
+    host.turn()
+    assert estimates(wires[1])
+
+
+def test_a_node_that_cannot_be_linked_at_all_ends(nodes):
+    clock, wires = Clock(), []
+
+    def links(given):
+        if wires:
+            raise ArgumentError("in use")
+        wires.append(Wire(given))
+        return wires[-1]
+
+    machine = NodeMachine(nodes[1], epoch=int(1e12), now=clock.now())
+    host = Host([Member(machine, links, lambda: replace(nodes[1], peers={}))], clock)
+    host.start()
+    host.tell(Order.RELOAD)
+    with pytest.raises(ArgumentError, match="in use"):
+        host.turn()
+
+
+def test_a_neighbour_that_goes_and_comes_back_is_listened_to_once(nodes):
+    clock, wires, subscribed = Clock(), [], []
+    whole = replace(nodes[1], peers={})
+    alone = replace(whole, program=replace(whole.program, arcs=whole.program.arcs[:1], _memo={}))
+    files = [whole, alone, whole, alone]
+
+    def links(given):
+        wires.append(Wire(given))
+        wires[-1].subscribe = lambda pattern, _: subscribed.append(pattern)
+        return wires[-1]
+
+    machine = NodeMachine(whole, epoch=int(1e12), now=clock.now())
+    host = Host([Member(machine, links, files.pop)], clock)
+    host.start()
+    for _ in range(4):
+        host.tell(Order.RELOAD)
+        host.turn()
+    assert len(wires) == 1
+    assert sorted(subscribed) == sorted(machine.subscriptions())
 
 
 def test_an_orderly_end(nodes, monkeypatch):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import datetime
 import stat
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from trigpoint.errors import ArgumentError, MissingExtraError
@@ -112,3 +115,47 @@ def test_without_the_package_the_extra_is_named(tmp_path, monkeypatch) -> None:
     with pytest.raises(MissingExtraError, match=r"cryptography.*trigpoint\[live\]"):
         make_keys(tmp_path / "keys", ["a"])
     assert not (tmp_path / "keys").exists()
+
+
+def other_authority(folder: Path) -> None:
+    make_keys(folder / "other", ["a"])
+    (folder / "authority.pem").write_bytes((folder / "other" / "authority.pem").read_bytes())
+
+
+def member_for_authority(folder: Path) -> None:
+    for ending in ("pem", "key"):
+        (folder / f"authority.{ending}").write_bytes((folder / f"a.{ending}").read_bytes())
+
+
+def plain_certificate(folder: Path) -> None:
+    """One of somebody's own making, which does not say that it may sign."""
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "mine")])
+    key = serialization.load_pem_private_key((folder / "authority.key").read_bytes(), None)
+    now = datetime.datetime.now(datetime.UTC)
+    made = x509.CertificateBuilder(name, name, key.public_key(), 1, now, now + datetime.timedelta(days=9))
+    (folder / "authority.pem").write_bytes(made.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "why"),
+    [
+        (other_authority, "the key belongs to another certificate"),
+        (member_for_authority, "the certificate is a member's"),
+        (plain_certificate, "the certificate is a member's"),
+    ],
+)
+def test_nobody_is_signed_by_what_nobody_would_trust(tmp_path, spoil, why) -> None:
+    make_keys(tmp_path, ["a"])
+    spoil(tmp_path)
+    with pytest.raises(ArgumentError, match=f"no authority that can sign .{why}"):
+        make_keys(tmp_path, ["b"])
+    assert not (tmp_path / "b.pem").exists()
+
+
+def test_an_authority_that_has_expired_signs_nobody(tmp_path, monkeypatch) -> None:
+    make_keys(tmp_path, ["a"], days=2)
+    later = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=3)
+    clock = SimpleNamespace(datetime=SimpleNamespace(now=lambda _: later), UTC=datetime.UTC)
+    monkeypatch.setattr("trigpoint.runtime.keys.datetime", clock)
+    with pytest.raises(ArgumentError, match="the certificate has expired"):
+        make_keys(tmp_path, ["b"])

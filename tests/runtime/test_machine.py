@@ -9,7 +9,7 @@ import trigpoint as tp
 from tests.runtime.given import PERIOD, STATIC, case
 from trigpoint.arrays import expm
 from trigpoint.errors import ArgumentError
-from trigpoint.observers.local import Message
+from trigpoint.observers.local import LocalArc, LocalObserver, Message
 from trigpoint.runtime import (
     GO,
     LINK_FIELDS,
@@ -21,12 +21,14 @@ from trigpoint.runtime import (
     Frame,
     Kind,
     NodeMachine,
+    NodeSettings,
     State,
     decode_frame,
     encode_frame,
     node_status,
 )  # fmt: skip
 from trigpoint.runtime.codec import LARGEST_FRAME
+from trigpoint.runtime.status import MOST_NEIGHBOURS
 from trigpoint.runtime.topics import node_key, ping_key, reading_key
 from trigpoint.runtime.virtual import SENSOR
 
@@ -226,6 +228,19 @@ def test_a_question_for_the_time_is_answered_and_an_answer_measures_the_clock() 
     assert (pong.kind, pong.facts) == (Kind.PONG, (START + 100.0, START + 0.1))
 
 
+@pytest.mark.parametrize("kind", [Kind.HELLO, Kind.ESTIMATE])
+def test_the_clock_of_a_process_that_is_gone_is_forgotten(kind) -> None:
+    """A neighbour that was started again, its clock set right: no warning of the old one, HELLO heard or lost."""
+    bench = Bench(MOVING)
+    bench.machine.act(START)
+    bench.give(bench.frame())
+    bench.give(bench.frame(Kind.PONG, time=START + 0.2, facts=(START, START + 0.2)))
+    assert bench.machine.status.warning is not None
+    bench.give(bench.frame(kind, epoch=2))
+    assert bench.link().offset is None
+    assert bench.machine.status.warning is None
+
+
 def test_clocks_that_differ_are_warned_about_with_the_floor_they_cause() -> None:
     bench = Bench(MOVING)
     bench.machine.act(START)
@@ -406,3 +421,31 @@ def test_greetings_carry_the_epoch() -> None:
     hello, bye = (decode_frame(frames[0].data) for frames in (machine.start(START), machine.stop(START)))
     assert (hello.kind, bye.kind) == (Kind.HELLO, Kind.BYE)
     assert hello.epoch == bye.epoch == 5
+
+
+def program_of(name: str = "a", states: int = 1, neighbours: int = 1) -> LocalObserver:
+    one = np.eye(1)
+    arcs = tuple(LocalArc(k, f"n{k}", 1.0, np.ones((states, 1)), np.ones((1, states)), one) for k in range(neighbours))
+    return LocalObserver(name, np.zeros((states, states)), None, arcs)
+
+
+@pytest.mark.parametrize(
+    ("program", "message"),
+    [
+        (program_of(neighbours=MOST_NEIGHBOURS + 1), "hears 680 neighbours; a live node hears at most 679"),
+        (program_of(states=4097), "has 4097 states; a live node has at most 4096"),
+        (program_of(name="ä" * 513), "1 to 1024 bytes; rename"),
+        (program_of(name=""), "1 to 1024 bytes; rename"),
+    ],
+)
+def test_a_node_whose_frames_would_not_fit_is_refused_at_once(program, message) -> None:
+    """Not by every process of it that starts, at its first status."""
+    with pytest.raises(ArgumentError, match=message):
+        NodeMachine(NodeSettings("net", program, PERIOD), epoch=1, now=100.0)
+
+
+def test_the_largest_status_fits_one_frame() -> None:
+    settings = NodeSettings("net", program_of(neighbours=MOST_NEIGHBOURS), PERIOD)
+    machine = NodeMachine(settings, epoch=1, now=100.0)
+    (*_, last) = machine.act(100.0 + PERIOD)
+    assert len(node_status(decode_frame(last.data), settings.program.hears).links) == MOST_NEIGHBOURS

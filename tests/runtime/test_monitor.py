@@ -7,8 +7,9 @@ import pytest
 
 from trigpoint.arrays import expm
 from trigpoint.observers import LocalArc, LocalObserver
-from trigpoint.runtime import Frame, Kind, Monitor, encode_frame
-from trigpoint.runtime.topics import node_key, truth_key
+from trigpoint.runtime import STATUS_FIELDS, Frame, Kind, Monitor, encode_frame
+from trigpoint.runtime.codec import LARGEST_FRAME
+from trigpoint.runtime.topics import node_key, reading_key, truth_key
 
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 ROW = np.array([[1.0, 0.0]])
@@ -89,23 +90,97 @@ def test_nonsense_is_counted_and_dropped():
     hand, monitor = watching()
     heard = []
     monitor.hooks.append(lambda frame, arrived: heard.append((frame.kind, arrived)))
-    hand.feed("k", b"nonsense")
+    hand.feed(node_key("n", "a", "estimate"), b"nonsense")
     hand.feed(*estimate("a", 0, 100.0, [1.0]))  # one value too few
     status = Frame(Kind.STATUS, "a", 1, 0, 100.0, (), np.zeros(3))
     hand.feed(node_key("n", "a", "status"), encode_frame(status))
     hand.feed(*estimate("stranger", 0, 100.0, [1.0, 1.0]))
     assert monitor.poll() == 4
-    assert monitor.malformed == 3
-    assert heard == [(Kind.ESTIMATE, 100.0)]  # the log has the stranger, too
+    assert (monitor.malformed, monitor.strangers) == (2, 2)
+    assert heard == []  # a log has room for so many topics, and no room for names that somebody invents
     assert monitor.snapshot().estimate == (None, None)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(Kind.ESTIMATE, "b", 9, 0, 100.0, (0.0, 100.0, 0.0, 0.0), np.ones(2)),
+        Frame(Kind.STATUS, "b", 9, 0, 100.0, (), np.ones(len(STATUS_FIELDS) + 6)),
+        Frame(Kind.TRUTH, "b", 9, 0, 100.0, (), np.ones(2)),
+        Frame(Kind.BYE, "b", 9, 0, 100.0),
+        Frame(Kind.READING, "b", 9, 0, 100.0, (0.0,), np.ones(1)),
+    ],
+)
+def test_nobody_speaks_for_another(frame):
+    """The access rules of a closed network let the node ``a`` write under its own keys: whatever names stand inside."""
+    hand, monitor = watching()
+    logged = []
+    monitor.hooks.append(lambda frame, _: logged.append(frame))
+    for channel in ("estimate", "status", "hello", "control", "nonsense", "ping/b"):
+        hand.feed(node_key("n", "a", channel), encode_frame(frame))
+    hand.feed(truth_key("n", "a"), encode_frame(frame))
+    assert monitor.poll() == monitor.strangers == 7
+    assert logged == []
+    snapshot = monitor.snapshot()
+    assert (snapshot.estimate, snapshot.truth, snapshot.status) == ((None, None),) * 3
+    assert monitor._readings == {}
+
+
+def test_a_flood_does_not_hold_up_whoever_polls():
+    """As much arrives as is taken out: before, the supervisor never came to its turn again."""
+    hand, monitor = watching()
+    monitor.hooks.append(lambda frame, _: hand.feed(*estimate("a", frame.sequence + 1, 100.0, [1.0, 1.0])))
+    hand.feed(*estimate("a", 0, 100.0, [1.0, 1.0]))
+    assert [monitor.poll() for _ in range(3)] == [1, 1, 1]
+
+
+def test_a_node_that_floods_does_not_fill_the_log():
+    hand, monitor = watching()
+    logged = []
+    monitor.hooks.append(lambda frame, _: logged.append(frame.sender))
+    for k in range(5000):
+        hand.time = 100.0 + k / 5000.0
+        hand.feed(*estimate("a", k, hand.time, [1.0, 1.0]))
+        if k % 100 == 0:
+            hand.feed(*estimate("b", k, hand.time, [1.0, 1.0]))
+    monitor.poll()
+    assert 1000 <= logged.count("a") <= 2000  # so many at once, and so many a second
+    assert monitor.flooded == 5000 - logged.count("a")
+    assert logged.count("b") == 50
+
+
+def test_a_frame_of_the_far_future_keeps_its_place_for_some_seconds_only():
+    hand, monitor = watching()
+    hand.feed(*estimate("a", 2**64 - 1, 100.0, [1.0, 0.0], 2**64 - 1))
+    monitor.poll()
+    for later, value in ((4.0, 1.0), (6.0, 2.0), (6.1, 3.0)):
+        hand.time = 100.0 + later
+        hand.feed(*estimate("a", round(10 * later), hand.time, [value, 0.0], 7))
+        hand.feed(*estimate("a", 0, hand.time, [9.0, 0.0], 7))  # an older one of the same process
+        monitor.poll()
+        assert monitor.snapshot().estimate[0][0] == (1.0 if later < 5.0 else value)
+    assert monitor.epoch("a") == 7
+
+
+def test_an_older_status_does_not_come_back():
+    """Replayed, or overtaken on its way."""
+    hand, monitor = watching()
+    for sequence, anchored in ((5, 0.0), (4, 1.0)):
+        values = np.zeros(len(STATUS_FIELDS) + 6)
+        values[0] = anchored
+        frame = Frame(Kind.STATUS, "a", 1, sequence, 100.0, (), values)
+        hand.feed(node_key("n", "a", "status"), encode_frame(frame))
+    monitor.poll()
+    assert not monitor.snapshot().status[0].anchored
 
 
 def test_readings_of_arcs_that_nobody_has_are_forgotten():
     hand, monitor = watching()
     for label in (0.0, 1e6, 0.5, -1.0):
         frame = Frame(Kind.READING, "plant", 1, 0, 100.0, (label,), np.ones(1))
-        hand.feed("k", encode_frame(frame))
+        hand.feed(reading_key("n", int(label)), encode_frame(frame))
     assert monitor.poll() == 4
+    assert monitor.strangers == 3
     assert list(monitor._readings) == [0]
 
 
@@ -117,6 +192,18 @@ def test_the_queue_is_bounded(monkeypatch):
         hand.feed(key, data)
     assert monitor.dropped == 10
     assert monitor.poll() == monitor._waiting.maxlen
+
+
+def test_what_waits_is_bounded_in_bytes(monkeypatch):
+    hand, monitor = watching()
+    monkeypatch.setattr("trigpoint.runtime.monitor._WAITING_BYTES", 10 * LARGEST_FRAME)
+    for _ in range(100):
+        hand.feed("k", bytes(60_000))
+    assert 8 <= len(monitor._waiting) <= 10
+    assert monitor.dropped == 100 - len(monitor._waiting)
+    assert sum(len(data) for _, _, data in monitor._waiting) == monitor._waiting_bytes <= 10 * LARGEST_FRAME
+    monitor.poll()
+    assert monitor._waiting_bytes == 0
 
 
 def test_lateness_is_measured():

@@ -210,3 +210,10 @@ def test_names_of_guests_make_way(tmp_path):
         assert plan.plant.name == "plant_"
         assert plan.watcher == "supervisor_"
         assert plan.nodes[0].guests == {"plant_": "sensor", "supervisor_": "supervisor"}
+
+
+def test_a_node_that_no_frame_can_speak_for_is_refused_before_anything_runs(tmp_path):
+    with planned(CHAIN, tmp_path) as (_, plan):
+        named = replace(plan.nodes[0].program, name="x" * 1025, _memo={})
+        with pytest.raises(ArgumentError, match="rename"):
+            replace(plan, nodes=(replace(plan.nodes[0], program=named),))

@@ -173,3 +173,16 @@ def test_the_loop_keeps_to_its_grid(monkeypatch):
 def test_dataclasses_are_frozen():
     with pytest.raises(dataclasses.FrozenInstanceError):
         plant().period = 1.0
+
+
+def test_a_file_that_others_could_read_is_theirs_no_longer(tmp_path):
+    """The truth goes to a new file: whoever had the old one open, or may read it, sees nothing of it."""
+    path = tmp_path / "plant.json"
+    path.write_text("old", encoding="utf-8")
+    path.chmod(0o644)
+    with path.open(encoding="utf-8") as before:
+        write_plant(plant(), path)
+        assert before.read() == "old"
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert [one.name for one in tmp_path.iterdir()] == ["plant.json"]
+    assert read_plant(path).to_document() == plant().to_document()

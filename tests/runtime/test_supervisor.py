@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import shutil
 import subprocess
 import sys
 import time
@@ -13,7 +14,7 @@ import pytest
 from tests.runtime.living import CHAIN, planned
 from trigpoint.errors import ArgumentError, MissingExtraError
 from trigpoint.runtime import Supervisor, SystemClock, write_settings
-from trigpoint.runtime.__main__ import main
+from trigpoint.runtime.__main__ import main, reread, run_nodes, speaks_plainly
 from trigpoint.runtime.supervisor import backoff
 
 
@@ -49,12 +50,38 @@ def test_a_process_that_keeps_failing_is_started_ever_more_seldom(failing):
     assert waits[1] >= 1.0
     output = (failing.status_file.parent / "output" / "process-0.txt").read_text(encoding="utf-8")
     assert output.startswith("error: ")
+    before = failing.dead
     failing.stop()
-    assert failing.dead_before_the_end in ((), ("0",))
+    assert failing.dead_before_the_end == before
+    assert failing.dead == ("0",)
     failing.revive("0")
     assert failing.dead == ()
     failing.kill("0")
     assert failing.dead == ("0",)
+
+
+def test_a_disk_that_refuses_does_not_end_the_run(failing):
+    """Neither the status nor the output can be written: what runs goes on, is started again, and is ended in order."""
+    failing.start()
+    folder = failing.status_file.parent
+    failing.kill("0")
+    shutil.rmtree(folder)
+    folder.write_text("no folder any more", encoding="utf-8")
+    failing.revive("0")
+    assert failing.dead == ("0",)
+    assert failing.reason("0").startswith("ended before it began: [Errno 20]")
+    assert failing._group["0"].due > 0.0  # it is tried again
+    limit = time.monotonic() + 30.0
+    while failing.restarts < 3:
+        assert time.monotonic() < limit
+        failing.tick()
+        time.sleep(0.01)
+    failing.stop()
+    assert sum("cannot write" in text for _, _, text in failing.events) == 1
+    folder.unlink()
+    folder.mkdir()
+    failing.kill("0")
+    assert failing.status_file.exists()
 
 
 def test_orders_need_links(failing):
@@ -98,3 +125,40 @@ def test_a_tied_process_ends_with_its_input(tmp_path):
         command = [sys.executable, "-m", "trigpoint.runtime", "node", "--tied", str(path)]
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=60, check=False)
         assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_settings_that_are_read_again_bring_no_plain_text_that_was_not_allowed(tmp_path):
+    """SIGHUP reads the file again; whoever was started without --allow-plain does not listen to the world after it."""
+    with planned(CHAIN, tmp_path) as (_, plan):
+        path, node = tmp_path / "node.json", plan.nodes[1]
+        assert not speaks_plainly(node)
+        for change in ({"listen": "tcp/0.0.0.0:7447"}, {"peers": {**node.peers, "0": "udp/192.0.2.1:7447"}}):
+            changed = replace(node, **change)
+            write_settings(changed, path)
+            with pytest.raises(ArgumentError, match="plain text that anybody there can read"):
+                reread(path, allow_plain=speaks_plainly(node))
+            assert reread(path, allow_plain=speaks_plainly(changed)).to_document() == changed.to_document()
+
+
+def test_the_process_of_a_node_reads_its_file_again_by_that_rule(tmp_path, monkeypatch):
+    members = []
+
+    class Still:
+        dropped = 0
+
+        def __init__(self, given, _):
+            members.extend(given)
+
+        def run(self, *, tied):
+            assert tied
+
+    monkeypatch.setattr("trigpoint.runtime.__main__.Host", Still)
+    with planned(CHAIN, tmp_path) as (_, plan):
+        path = tmp_path / "node.json"
+        write_settings(plan.nodes[0], path)
+        run_nodes([(plan.nodes[0], path)], tied=True)
+        (member,) = members
+        assert member.reread().to_document() == plan.nodes[0].to_document()
+        write_settings(replace(plan.nodes[0], listen="tcp/0.0.0.0:7447"), path)
+        with pytest.raises(ArgumentError, match="plain text"):
+            member.reread()

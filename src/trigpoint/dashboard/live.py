@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 _MOST_EVENTS = 500
 _TRAFFIC_SPAN = 2.0
+_BETWEEN_STATUSES, _LONGEST_BETWEEN = 2.5, 10.0  # s; as long as only one was heard, and at most
 _SAID = np.dtype(
     [
         ("known", "?"), ("anchored", "?"), ("covered", "?"), ("paused", "?"),
@@ -114,6 +115,7 @@ class LiveFeed:
         self._status: list[NodeStatus | None] = [None] * n
         self._said = np.zeros(n, dtype=_SAID)
         self._said["uncertainty"] = np.nan
+        self._said_at, self._said_every = np.full(n, -np.inf), np.full(n, _BETWEEN_STATUSES)
         self._met = np.zeros(n, dtype=bool)
         self._paused: set[int] = set()
         self._states: IntArray = np.full(n, UNKNOWN, dtype=np.int64)
@@ -145,11 +147,12 @@ class LiveFeed:
         while self.ended is None:
             try:
                 snapshot = await asyncio.to_thread(self._source)
-            except TrigpointError as error:
+                if self.ended is not None:  # the source may have said so
+                    return
+                self.absorb(snapshot)
+            except TrigpointError as error:  # else the pages would show the last moment for ever
                 self.end(f"The run cannot be followed any longer: {error}")
-            if self.ended is not None:  # the source may have said so, too
                 return
-            self.absorb(snapshot)
             due = max(due + self.period, clock())
             await asyncio.sleep(due - clock())
 
@@ -165,11 +168,14 @@ class LiveFeed:
                 self._add([Event(snapshot.time, f"{self.names[node]}: started again", node)])
             self._links.update(node, status.links)
             self._status[node] = status
+            if before is not None:
+                self._said_every[node] = min(snapshot.time - self._said_at[node], _LONGEST_BETWEEN)
+            self._said_at[node] = snapshot.time
             self._said[node] = (
                 True, status.anchored, status.covered, status.paused,
                 status.uncertainty, status.missed, status.counters.dropped,
             )  # fmt: skip
-        states = self._states_at(np.asarray(snapshot.age, dtype=np.float64))
+        states = self._states_at(np.asarray(snapshot.age, dtype=np.float64), snapshot.time)
         self._add(changes(snapshot.time, self._states, states, self.names))
         self._states, self._snapshot = states, snapshot
         self.count += 1
@@ -177,7 +183,7 @@ class LiveFeed:
         self._remember(snapshot)
 
     def ordered(self, order: str, node: int) -> None:
-        """Take note that the page gave ``order`` to ``node``: a paused node is silent, and cannot say why."""
+        """Take note that the page gave ``order`` to ``node``: a paused node is silent until its status tells why."""
         (self._paused.add if order == "pause" else self._paused.discard)(node)
         self.note(f"{self.names[node]}: {order} ordered from the page", node)
 
@@ -250,11 +256,15 @@ class LiveFeed:
             self._events.extend(events)
             self._event_count += len(events)
 
-    def _states_at(self, age: FloatArray) -> IntArray:
-        """(N,) indices into ``STATES`` for nodes last heard ``age`` seconds ago."""
+    def _states_at(self, age: FloatArray, time: float) -> IntArray:
+        """(N,) indices into ``STATES`` at ``time`` for nodes last heard ``age`` seconds ago.
+
+        A paused node goes on to tell its status: one that does not is no longer paused, but gone.
+        """
         said = self._said
         paused = said["paused"].copy()
         paused[list(self._paused)] = True
+        paused &= ~said["known"] | (time - self._said_at <= self._stale + 3.0 * self._said_every)
         rules = (
             (np.isinf(age), UNKNOWN),
             ((age > self._stale) & paused, PAUSED),

@@ -5,6 +5,7 @@ With ``--tied`` the process ends when its standard input does.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -12,7 +13,8 @@ from pathlib import Path
 
 from trigpoint.errors import TrigpointError
 from trigpoint.runtime.access import guest_rules
-from trigpoint.runtime.clock import SystemClock, new_epoch
+from trigpoint.runtime.clock import new_epoch, told_clock
+from trigpoint.runtime.endpoints import is_local, parse_address, require_safe
 from trigpoint.runtime.host import Host, Member
 from trigpoint.runtime.machine import NodeMachine
 from trigpoint.runtime.plant import PlantLoop, PlantSettings, read_plant
@@ -42,22 +44,48 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def run_nodes(nodes: Sequence[tuple[NodeSettings, Path | None]], *, tied: bool) -> None:
-    """Run the ``nodes`` (their settings, and the file to read them again from) until told to stop, or ``tied``."""
-    clock, members = SystemClock(), []
+    """Run the ``nodes`` (their settings, and the file to read them again from) until told to stop, or ``tied``.
+
+    Settings that are read again may bring plain text beyond this machine only where it was there from the start.
+    """
+    clock, members = told_clock(os.environ), []
     for settings, path in nodes:
-        machine = NodeMachine(settings, epoch=new_epoch(), now=clock.now())
-        members.append(Member(machine, open_transport, None if path is None else partial(read_settings, path)))
+        machine = NodeMachine(settings, epoch=new_epoch(clock), now=clock.now())
+        again = None if path is None else partial(reread, path, allow_plain=speaks_plainly(settings))
+        members.append(Member(machine, open_transport, again))
     host = Host(members, clock)
     host.run(tied=tied)
     if host.dropped:
         print(f"{host.dropped} frames were dropped: they came faster than they could be looked at", file=sys.stderr)
 
 
+def speaks_plainly(settings: NodeSettings) -> bool:
+    """Whether one of the addresses in ``settings`` is plain text that others can reach."""
+    return any(not is_local(one) and not parse_address(one).secured for one in _addresses(settings))
+
+
+def reread(path: Path, *, allow_plain: bool) -> NodeSettings:
+    """The settings in the file at ``path``; plain text that leaves the machine only with ``allow_plain``.
+
+    Raises:
+        FileFormatError: the file is damaged.
+        ArgumentError: an address does not fit, or is not allowed.
+    """
+    settings = read_settings(path)
+    for address in _addresses(settings):
+        require_safe(address, settings.identity, allow_plain=allow_plain)
+    return settings
+
+
+def _addresses(settings: NodeSettings) -> list[str]:
+    return [address for address in (settings.listen, *settings.peers.values()) if address]
+
+
 def run_plant(settings: PlantSettings, *, tied: bool) -> None:
     """Run the plant of these ``settings`` until told to stop, or ``tied`` until standard input ends."""
-    transport = plant_transport(settings)
+    transport, clock = plant_transport(settings), told_clock(os.environ)
     try:
-        PlantLoop(settings, transport, SystemClock(), epoch=new_epoch()).run(tied=tied)
+        PlantLoop(settings, transport, clock, epoch=new_epoch(clock)).run(tied=tied)
     finally:
         transport.close()
 

@@ -15,13 +15,14 @@ from enum import IntEnum
 import numpy as np
 
 from trigpoint.arrays import FloatArray, frozen
-from trigpoint.errors import ProtocolError
+from trigpoint.errors import ArgumentError, ProtocolError
 
 VERSION = 2
 _MAGIC = b"TP"
 _HEAD = struct.Struct("<2sBBHHQQd")
 _LONGEST_NAME = 1024
-_MOST_VALUES = 4096
+MOST_VALUES = 4096
+"""Values of one frame at most."""
 
 
 class Kind(IntEnum):
@@ -55,7 +56,19 @@ _TOLD = {int(kind): (kind, len(facts)) for kind, facts in FACTS.items()}
 _FORMATS = tuple(f"<{count}d" for count in range(1 + max(len(facts) for facts in FACTS.values())))
 _FEW = 32
 
-LARGEST_FRAME = _HEAD.size + _LONGEST_NAME + 8 * (max(len(facts) for facts in FACTS.values()) + _MOST_VALUES)
+LARGEST_FRAME = _HEAD.size + _LONGEST_NAME + 8 * (max(len(facts) for facts in FACTS.values()) + MOST_VALUES)
+
+
+def require_name(name: str) -> None:
+    """Refuse a ``name`` that no frame can carry: an ``ArgumentError``."""
+    if not 0 < len(name.encode("utf-8", "surrogatepass")) <= _LONGEST_NAME:
+        raise ArgumentError(f"a live node's name has 1 to {_LONGEST_NAME} bytes; rename {name[:40]!r}")
+
+
+def frame_size(name: str, count: int) -> int:
+    """Bytes of the longest frame of a sender of this ``name`` with ``count`` values, whatever its kind."""
+    return _HEAD.size + len(name.encode("utf-8")) + 8 * (max(len(facts) for facts in FACTS.values()) + count)
+
 
 _NOTHING = frozen(np.zeros(0))
 
@@ -99,8 +112,8 @@ def encode_frame(frame: Frame) -> bytes:
     except UnicodeEncodeError as error:
         raise ProtocolError(f"the sender's name {frame.sender!r} is no UTF-8") from error
     values = np.ascontiguousarray(frame.values, dtype="<f8")
-    if len(name) > _LONGEST_NAME or values.ndim != 1 or values.shape[0] > _MOST_VALUES:
-        raise ProtocolError(f"a frame holds at most {_LONGEST_NAME} bytes of name and {_MOST_VALUES} values")
+    if len(name) > _LONGEST_NAME or values.ndim != 1 or values.shape[0] > MOST_VALUES:
+        raise ProtocolError(f"a frame holds at most {_LONGEST_NAME} bytes of name and {MOST_VALUES} values")
     if not (0 <= frame.sequence < 2**64 and 0 <= frame.epoch < 2**64):
         raise ProtocolError(f"sequence and epoch must fit 64 bits; got {frame.sequence} and {frame.epoch}")
     if len(frame.facts) != len(FACTS[frame.kind]):
@@ -123,11 +136,7 @@ def decode_frame(data: bytes) -> Frame:
     if kind not in _TOLD:
         raise ProtocolError(f"unknown kind of frame {kind}")
     kind, told = _TOLD[kind]
-    if (
-        name_length > _LONGEST_NAME
-        or count > _MOST_VALUES
-        or len(data) != _HEAD.size + name_length + 8 * (told + count)
-    ):
+    if name_length > _LONGEST_NAME or count > MOST_VALUES or len(data) != _HEAD.size + name_length + 8 * (told + count):
         raise ProtocolError(f"the frame's length {len(data)} does not fit its head")
     try:
         sender = data[_HEAD.size : _HEAD.size + name_length].decode("utf-8")

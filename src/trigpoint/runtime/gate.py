@@ -36,6 +36,26 @@ class Counters:
 
 
 @dataclass(eq=False)
+class Bucket:
+    """Lets through ``rate`` frames a second, with as many at once."""
+
+    rate: float
+    _tokens: float = 0.0
+    _filled: float = -float("inf")
+
+    def lets(self, now: float) -> bool:
+        """Whether one more may pass at ``now``; then it counts."""
+        room = max(1.0, self.rate)
+        gained = max(0.0, now - self._filled) * self.rate
+        self._tokens = min(room, self._tokens + gained)
+        self._filled = now
+        if self._tokens < 1.0:
+            return False
+        self._tokens -= 1.0
+        return True
+
+
+@dataclass(eq=False)
 class Source:
     """Whoever may send under one key, or several: order and rate of its frames. Owned by the machine.
 
@@ -54,8 +74,7 @@ class Source:
     epoch: int = -1
     heard: float = -float("inf")
     _last: dict[Kind, int] = field(default_factory=dict)
-    _tokens: float = 0.0
-    _filled: float = -float("inf")
+    _bucket: Bucket = field(default_factory=lambda: Bucket(0.0))
 
     def refuses(self, frame: Frame, now: float) -> str | None:
         """The reason to drop ``frame``, or None; then it counts as the last one."""
@@ -66,7 +85,8 @@ class Source:
             return "old"
         if frame.epoch == self.epoch and frame.sequence <= self._last.get(frame.kind, -1):
             return "old"
-        if not self._has_token(now):
+        self._bucket.rate = self.rate
+        if not self._bucket.lets(now):
             return "flood"
         if frame.epoch > self.epoch:
             self.epoch = frame.epoch
@@ -79,16 +99,6 @@ class Source:
         """Nothing more of this ``epoch`` is new."""
         self.epoch = max(self.epoch, epoch + 1)
         self._last.clear()
-
-    def _has_token(self, now: float) -> bool:
-        room = max(1.0, self.rate)
-        gained = max(0.0, now - self._filled) * self.rate
-        self._tokens = min(room, self._tokens + gained)
-        self._filled = now
-        if self._tokens < 1.0:
-            return False
-        self._tokens -= 1.0
-        return True
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,6 +68,7 @@ class Host:
         self._agenda: list[tuple[float, int]] = []
         self._transports: list[Transport] = []
         self._inside: dict[str, list[int]] = {}
+        self._heard: list[set[str]] = []
         self.dropped = 0
 
     def tell(self, order: Order) -> None:
@@ -87,6 +88,7 @@ class Host:
     def start(self) -> None:
         """Open the links, say hello, and set the first deadlines."""
         self._transports = [member.links(self._outward(member.machine.settings)) for member in self._members]
+        self._heard = [set() for _ in self._members]
         self._map_inside()
         for number, member in enumerate(self._members):
             self._subscribe(number, member.machine.subscriptions())
@@ -148,12 +150,13 @@ class Host:
         heapq.heappush(self._agenda, (due + period, number))
 
     def _sink(self, number: int) -> Sink:
-        mail, clock = self._mail, self._clock
+        mail, clock, machine = self._mail, self._clock, self._members[number].machine
 
         def sink(key: str, data: bytes) -> None:
             if mail.qsize() >= self._limit:
                 self._drop_oldest()
-            mail.put(_Arrival(clock.now(), number, key, data))
+            # cut where it is too long to be let in: it stays malformed, and the queue is bounded in bytes, too
+            mail.put(_Arrival(clock.now(), number, key, data[: machine.longest + 1]))
 
         return sink
 
@@ -197,28 +200,46 @@ class Host:
         for number, member in enumerate(self._members):
             if member.reread is None:
                 continue
+            before = member.machine.settings
             try:
-                self._adopt(number, member.reread())
+                member.machine.reload(member.reread(), self._clock.now())
             except TrigpointError as error:  # a slip in the file must not end a node that runs
-                print(f"settings not taken: {error}", file=sys.stderr, flush=True)
+                _say(error)
+                continue
+            self._link_anew(number, before)
 
-    def _adopt(self, number: int, settings: NodeSettings) -> None:
-        """The node goes on with new ``settings``; links are opened afresh only where addresses or rights changed."""
-        member = self._members[number]
-        old, listening = member.machine.settings, set(member.machine.subscriptions())
-        member.machine.reload(settings, self._clock.now())
+    def _link_anew(self, number: int, before: NodeSettings) -> None:
+        """Links are opened afresh only where addresses or rights changed, and as ``before`` where that fails.
+
+        Where that fails, too, the process ends: a node without links would go on alone and nobody would notice.
+        """
+        machine = self._members[number].machine
+        if _links_of(before) != _links_of(machine.settings):
+            self._transports[number].close()
+            try:
+                self._open(number, machine.settings)
+            except TrigpointError as error:
+                _say(error)
+                machine.reload(before, self._clock.now())
+                self._open(number, before)
         self._map_inside()
-        if _links_of(old) == _links_of(settings):
-            self._subscribe(number, set(member.machine.subscriptions()) - listening)
-            return
-        self._transports[number].close()
-        self._transports[number] = member.links(self._outward(settings))
-        self._subscribe(number, member.machine.subscriptions())
+        self._subscribe(number, machine.subscriptions())
+
+    def _open(self, number: int, settings: NodeSettings) -> None:
+        self._transports[number] = self._members[number].links(self._outward(settings))
+        self._heard[number].clear()
 
     def _subscribe(self, number: int, patterns: Iterable[str]) -> None:
-        sink = self._sink(number)
+        """Listen to those of the ``patterns`` that the open links do not listen to yet: twice, and all comes twice."""
+        sink, heard = self._sink(number), self._heard[number]
         for pattern in patterns:
-            self._transports[number].subscribe(pattern, sink)
+            if pattern not in heard:
+                self._transports[number].subscribe(pattern, sink)
+                heard.add(pattern)
+
+
+def _say(error: TrigpointError) -> None:
+    print(f"settings not taken: {error}", file=sys.stderr, flush=True)
 
 
 def _links_of(settings: NodeSettings) -> tuple[object, ...]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import datetime
 import ipaddress
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from trigpoint.errors import ArgumentError, MissingExtraError
 from trigpoint.runtime.access import ROLES
+from trigpoint.runtime.files import write_whole
 from trigpoint.runtime.settings import Identity
 from trigpoint.runtime.topics import written
 
@@ -214,18 +214,8 @@ def _write_pair(pair: _Pair, certificate: Path, key: Path) -> None:
     from cryptography.hazmat.primitives import serialization as forms
 
     private = pair.key.private_bytes(forms.Encoding.PEM, forms.PrivateFormat.PKCS8, forms.NoEncryption())
-    _write(key, private, 0o600)
-    _write(certificate, pair.certificate.public_bytes(forms.Encoding.PEM), 0o644)
-
-
-def _write(path: Path, data: bytes, mode: int) -> None:
-    """A file that was never readable by others, and never half written."""
-    half = path.with_name(path.name + ".part")
-    half.unlink(missing_ok=True)
-    descriptor = os.open(half, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(data)
-    half.replace(path)
+    write_whole(key, private)
+    write_whole(certificate, pair.certificate.public_bytes(forms.Encoding.PEM), 0o644)
 
 
 def _read_pair(certificate: Path, key: Path) -> _Pair:
@@ -233,9 +223,26 @@ def _read_pair(certificate: Path, key: Path) -> _Pair:
 
     try:
         private = forms.load_pem_private_key(key.read_bytes(), password=None)
-        return _Pair(_crypto().load_pem_x509_certificate(certificate.read_bytes()), private)
+        pair = _Pair(_crypto().load_pem_x509_certificate(certificate.read_bytes()), private)
+        _check_authority(pair)
+        return pair
     except (OSError, ValueError, TypeError) as error:
         raise ArgumentError(
             f"{certificate} and {key} are no authority that can sign ({error}); name another folder, or allow"
             " overwriting to make all keys afresh"
         ) from error
+
+
+def _check_authority(pair: _Pair) -> None:
+    """What it signs would be refused, link by link and without a word, where the pair does not belong together."""
+    x509 = _crypto()
+    if pair.certificate.public_key() != pair.key.public_key():
+        raise ValueError("the key belongs to another certificate")
+    try:
+        signs = pair.certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+    except x509.ExtensionNotFound:
+        signs = False
+    if not signs:
+        raise ValueError("the certificate is a member's")
+    if pair.certificate.not_valid_after_utc < datetime.datetime.now(datetime.UTC):
+        raise ValueError("the certificate has expired")

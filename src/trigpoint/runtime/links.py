@@ -91,6 +91,7 @@ class Link:
     def hello(self, now: float) -> None:
         """The neighbour has started: what it said before is void."""
         self.at, self.heard = now, None
+        self._clock.clear()  # another process: its clock may have been set in between
         self.happen(Event.HELLO)
 
     def bye(self, now: float) -> None:
@@ -108,6 +109,8 @@ class Link:
         self.received += 1
         if self._last is not None and self._last[0] == frame.epoch:
             self.lost += max(0, frame.sequence - self._last[1] - 1)
+        elif self._last is not None:  # its HELLO was lost, or comes later
+            self._clock.clear()
         self._last = frame.age_key
         self.happen(Event.ESTIMATE)
 

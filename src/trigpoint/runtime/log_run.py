@@ -41,7 +41,8 @@ def run_of(log: Log, *, times: ArrayLike | None = None, away_after: float | None
 
     A node is ``away`` before its first estimate and from ``away_after`` seconds after its last one (five of its
     periods, at least 0.5 s, unless given); its estimate is NaN then. Otherwise it is ``anchored`` when the evidence in
-    its last estimate is not older than the log's attribute ``anchor_timeout`` (1 s where missing), else ``relative``.
+    its last estimate is not older then than the log's attribute ``anchor_timeout`` (1 s where missing), else
+    ``relative``: a node that falls silent is not called anchored beyond what it knew.
 
     We assume:
         - an estimate's values are the node's state; a node that estimates through another map (``M z + N y``) has no
@@ -86,7 +87,8 @@ def run_of(log: Log, *, times: ArrayLike | None = None, away_after: float | None
             last = np.searchsorted(series.times, grid, side="right") - 1
             present = (last >= 0) & (grid - series.times[last] <= silence)
             messages[:, k] = last + 1
-            status[present, k] = np.where(_anchored(series, timeout)[last[present]], "anchored", "relative")
+            anchored = _anchored(series, last[present], grid[present], timeout)
+            status[present, k] = np.where(anchored, "anchored", "relative")
             estimate[present, k, :size] = _between(series, grid[present], last[present], silence)
             estimate[present, k, size:] = 0.0
     attributes = {**log.attributes, "start": float(grid[0]) if grid.size else 0.0, "network": log.network}
@@ -151,9 +153,10 @@ def _silence(series: Series) -> float:
     return max(_LEAST_SILENCE, _PERIODS * float(np.median(steps)) if steps.size else 0.0)
 
 
-def _anchored(series: Series, timeout: float) -> BoolArray:
-    evidence = series.facts["evidence"]
-    known: BoolArray = (evidence > 0.0) & (series.times - evidence <= timeout)
+def _anchored(series: Series, last: IntArray, grid: FloatArray, timeout: float) -> BoolArray:
+    """Whether what each ``last`` estimate told of an anchor is fresh at the instant of the ``grid`` it stands for."""
+    evidence = series.facts["evidence"][last]
+    known: BoolArray = (evidence > 0.0) & (grid - evidence <= timeout)
     return known
 
 

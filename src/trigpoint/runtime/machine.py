@@ -18,9 +18,9 @@ from trigpoint.runtime.gate import LARGEST_VALUE, REASONS, Counters, Route, Sour
 from trigpoint.runtime.knowledge import Knowledge, averaged, learn
 from trigpoint.runtime.latched import NOTHING, Latched, Reading, latched, pull_rates
 from trigpoint.runtime.links import Heard, Link, State
-from trigpoint.runtime.routes import neighbours, routes_of
+from trigpoint.runtime.routes import longest_of, neighbours, routes_of
 from trigpoint.runtime.settings import NodeSettings
-from trigpoint.runtime.status import LinkStatus, NodeStatus
+from trigpoint.runtime.status import LinkStatus, NodeStatus, require_frames
 from trigpoint.runtime.topics import node_key, ping_key
 
 GO, PAUSE = 0, 1
@@ -145,6 +145,11 @@ class NodeMachine:
         """Keys that the node listens to."""
         return tuple(self._routes)
 
+    @property
+    def longest(self) -> int:
+        """Bytes of the longest frame that it may let in; no more need be kept of what waits to be looked at."""
+        return self._longest
+
     # -- what the host does ----------------------------------------------------------------------------------------
     def start(self, now: float) -> tuple[Outgoing, ...]:
         """Say HELLO."""
@@ -211,7 +216,7 @@ class NodeMachine:
         """Go on with new ``settings``: the state and known neighbours stay, arcs and peers may be others.
 
         Raises:
-            ArgumentError: the settings are another node's, or of another number of states.
+            ArgumentError: the settings are another node's, of another number of states, or of too many neighbours.
         """
         old = self._settings
         same = (old.network, old.name, old.program.n_states)
@@ -226,6 +231,7 @@ class NodeMachine:
 
     # -- inside ----------------------------------------------------------------------------------------------------
     def _adopt(self, settings: NodeSettings) -> None:
+        require_frames(settings.program)
         self._settings = settings
         self._rates = pull_rates(settings.program)
         self._links = {name: self._links.get(name) or Link(name) for name in neighbours(settings)}
@@ -239,6 +245,7 @@ class NodeMachine:
             return self._sources.setdefault(name, one)
 
         self._routes = routes_of(settings, source)
+        self._longest = longest_of(self._routes.values())
         reads = set(settings.program.reads)
         self._readings = {label: reading for label, reading in self._readings.items() if label in reads}
 

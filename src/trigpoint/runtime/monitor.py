@@ -14,16 +14,26 @@ from trigpoint.arrays import FloatArray, frozen, transition_and_integral
 from trigpoint.errors import ProtocolError
 from trigpoint.observers.local import LocalObserver, LocalState
 from trigpoint.runtime.clock import Clock
-from trigpoint.runtime.codec import Frame, Kind, decode_frame
+from trigpoint.runtime.codec import LARGEST_FRAME, Frame, Kind, decode_frame
+from trigpoint.runtime.gate import Bucket
+from trigpoint.runtime.routes import reading_sizes
 from trigpoint.runtime.status import NodeStatus, node_status
-from trigpoint.runtime.topics import everything
+from trigpoint.runtime.topics import everything, node_key, reading_key, truth_key
 from trigpoint.runtime.transport import Transport
 
 Hook = Callable[[Frame, float], None]
 """Called with every frame and the time at which it arrived."""
 
 _WAITING = 65536
+_WAITING_BYTES = 256 * 2**20
 _REMEMBERED = 16384
+_FORGET = 5.0
+_RATE = 1000.0  # frames a second of one key
+_SAID = {
+    "estimate": frozenset({Kind.ESTIMATE}),
+    "status": frozenset({Kind.STATUS}),
+    "hello": frozenset({Kind.HELLO, Kind.BYE}),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +85,48 @@ def watched(network: str) -> tuple[str, ...]:
     return tuple(start + rest for rest in ("node/*/estimate", "node/*/status", "node/*/hello", "reading/*", "truth/*"))
 
 
+@dataclass(frozen=True)
+class _Place:
+    """What may stand under one key: ``kinds`` of frames of a ``sender`` (None: anybody) of ``size``, ``label``."""
+
+    kinds: frozenset[Kind]
+    sender: str | None = None
+    size: int | None = None
+    label: int | None = None
+
+    def fits(self, frame: Frame) -> bool:
+        return (
+            frame.kind in self.kinds
+            and self.sender in (None, frame.sender)
+            and self.size in (None, frame.values.shape[0])
+            and (self.label is None or frame.fact("label") == self.label)
+        )
+
+
+def _places(network: str, programs: Sequence[LocalObserver]) -> dict[str, _Place]:
+    places = {}
+    for program in programs:
+        name = program.name
+        for channel, kinds in _SAID.items():
+            size = program.n_states if channel == "estimate" else None
+            places[node_key(network, name, channel)] = _Place(kinds, name, size)
+        places[truth_key(network, name)] = _Place(frozenset({Kind.TRUTH}), name)
+        for label, width in reading_sizes(program).items():
+            places[reading_key(network, label)] = _Place(frozenset({Kind.READING}), None, width, label)
+    return places
+
+
 class Monitor:
     """Collects what the nodes and the plant publish.
 
     Sinks only put what arrives into a bounded queue (the oldest is dropped and counted); ``poll`` takes it out, calls
     the hooks, and keeps the latest. ``snapshot`` may be called from another thread.
+
+    By access rules a node publishes under its own keys only. So what stands under a key of another sender, arc or size,
+    or under a key of nobody in ``programs``, is counted in ``strangers`` and goes nowhere, not into the log either; nor
+    does what exceeds 1000 frames a second under one key, counted in ``flooded``: a node must not fill the disk.
+    Frames of a node are ordered by epoch and sequence; after 5 s without a newer one the next is taken whatever its
+    number, so that no forged frame keeps a node's place for ever.
 
     Args:
         transport: linked to every node and to the plant.
@@ -100,17 +147,20 @@ class Monitor:
     ) -> None:
         self._clock, self._began = clock, clock.now()
         self._programs = {program.name: program for program in programs}
-        self._labels = {label for program in programs for label in program.reads}
+        self._places = _places(network, programs)
+        self._buckets = {key: Bucket(_RATE) for key in self._places}
         self._motions = {} if motions is None else dict(motions)
-        self._waiting: deque[tuple[float, bytes]] = deque(maxlen=_WAITING)
-        self._lock = threading.Lock()
+        self._waiting: deque[tuple[float, str, bytes]] = deque(maxlen=_WAITING)
+        self._waiting_bytes = 0
+        self._lock, self._door = threading.Lock(), threading.Lock()
         self._estimates: dict[str, tuple[Frame, float]] = {}
-        self._truths: dict[str, Frame] = {}
+        self._truths: dict[str, tuple[Frame, float]] = {}
+        self._said: dict[str, tuple[Frame, float]] = {}
         self._statuses: dict[str, NodeStatus] = {}
         self._readings: dict[int, FloatArray] = {}
         self._late = {kind: deque[float](maxlen=_REMEMBERED) for kind in (Kind.ESTIMATE, Kind.READING)}
         self.hooks: list[Hook] = []
-        self.received = self.dropped = self.malformed = self.received_bytes = 0
+        self.received = self.dropped = self.malformed = self.strangers = self.flooded = self.received_bytes = 0
         for pattern in watched(network):
             transport.subscribe(pattern, self._sink)
 
@@ -124,21 +174,45 @@ class Monitor:
         """When the run began, by the clock."""
         return self._began
 
-    def _sink(self, _: str, data: bytes) -> None:
-        if len(self._waiting) == _WAITING:
-            self.dropped += 1
-        self._waiting.append((self._clock.now(), data))
+    def _sink(self, key: str, data: bytes) -> None:
+        data = data[: LARGEST_FRAME + 1]
+        with self._door:
+            while self._waiting and (
+                len(self._waiting) == _WAITING or self._waiting_bytes + len(data) > _WAITING_BYTES
+            ):
+                self.dropped += 1
+                self._waiting_bytes -= len(self._waiting.popleft()[2])
+            self._waiting.append((self._clock.now(), key, data))
+            self._waiting_bytes += len(data)
+
+    def _next(self) -> tuple[float, str, bytes] | None:
+        with self._door:
+            if not self._waiting:
+                return None
+            found = self._waiting.popleft()
+            self._waiting_bytes -= len(found[2])
+            return found
 
     def poll(self) -> int:
-        """Take in what has arrived; the number of frames."""
+        """Take in what had arrived when it was called; the number of frames. A flood meanwhile waits for the next."""
         count = 0
-        while self._waiting:
-            arrived, data = self._waiting.popleft()
+        for _ in range(len(self._waiting)):
+            found = self._next()
+            if found is None:  # dropped meanwhile
+                break
+            arrived, key, data = found
             count += 1
             self.received += 1
             self.received_bytes += len(data)
+            place = self._places.get(key)
             try:
                 frame = decode_frame(data)
+                if place is None or not place.fits(frame):
+                    self.strangers += 1
+                    continue
+                if not self._buckets[key].lets(arrived):
+                    self.flooded += 1
+                    continue
                 with self._lock:
                     self._keep(frame, arrived)
             except ProtocolError:
@@ -161,22 +235,15 @@ class Monitor:
         if frame.kind in self._late:
             self._late[frame.kind].append(arrived - frame.time)
         if frame.kind is Kind.READING:
-            if frame.fact("label") in self._labels:  # whatever else is sent shall not fill the memory
-                self._readings[int(frame.fact("label"))] = frame.values
-            return
-        program = self._programs.get(frame.sender)
-        if program is None:
-            return
-        if frame.kind is Kind.STATUS:
-            self._statuses[frame.sender] = node_status(frame, program.hears)
+            self._readings[int(frame.fact("label"))] = frame.values
+        elif frame.kind is Kind.STATUS:
+            status = node_status(frame, self._programs[frame.sender].hears)
+            if _newer(frame, arrived, self._said):
+                self._statuses[frame.sender] = status
         elif frame.kind is Kind.TRUTH:
-            self._truths[frame.sender] = frame
+            _newer(frame, arrived, self._truths)
         elif frame.kind is Kind.ESTIMATE:
-            known = self._estimates.get(frame.sender)
-            if frame.values.shape != (program.n_states,):
-                raise ProtocolError(f"the estimate of {frame.sender!r} has {frame.values.shape[0]} values")
-            if known is None or frame.age_key > known[0].age_key:
-                self._estimates[frame.sender] = frame, arrived
+            _newer(frame, arrived, self._estimates)
 
     def epoch(self, name: str) -> int | None:
         """Epoch of the process that the latest estimate of the node ``name`` came from; None before the first."""
@@ -200,7 +267,7 @@ class Monitor:
         )  # fmt: skip
 
     def _row(self, name: str, program: LocalObserver, now: float) -> tuple[FloatArray | None, FloatArray | None, float]:
-        known, truth = self._estimates.get(name), self._truths.get(name)
+        known, truth = self._estimates.get(name), self._truths.get(name, (None,))[0]
         if known is None:
             return None, None if truth is None else truth.values, np.inf
         frame, arrived = known
@@ -214,3 +281,12 @@ class Monitor:
             return truth.values
         later = time - truth.time
         return np.asarray(transition_and_integral(np.sign(later) * motion, abs(later))[0] @ truth.values)
+
+
+def _newer(frame: Frame, arrived: float, known: dict[str, tuple[Frame, float]]) -> bool:
+    """Put ``frame`` into ``known``, unless a later one of its sender is there that is not forgotten yet."""
+    before = known.get(frame.sender)
+    if before is not None and frame.age_key <= before[0].age_key and arrived - before[1] <= _FORGET:
+        return False
+    known[frame.sender] = frame, arrived
+    return True

@@ -12,6 +12,7 @@ from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError
 from trigpoint.runtime.plant import PlantSettings, write_plant
 from trigpoint.runtime.settings import Identity, NodeSettings, write_settings
+from trigpoint.runtime.status import require_frames
 
 TransportKind = Literal["unixsock", "tcp", "udp", "tls", "quic"]
 TRANSPORTS: tuple[TransportKind, ...] = ("unixsock", "tcp", "udp", "tls", "quic")
@@ -45,11 +46,13 @@ class LivePlan:
     motions: Mapping[str, FloatArray]
 
     def __post_init__(self) -> None:
-        """Refuse an empty plan and impossible groups."""
+        """Refuse an empty plan, impossible groups, and nodes that no frame can speak for."""
         if not self.nodes:
             raise ArgumentError("a plan needs at least one node; got none")
         if self.agents_per_process < 1:
             raise ArgumentError(f"agents_per_process must be at least 1; got {self.agents_per_process}")
+        for node in self.nodes:
+            require_frames(node.program)
 
     @property
     def names(self) -> tuple[str, ...]:

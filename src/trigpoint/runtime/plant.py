@@ -16,6 +16,7 @@ from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
 from trigpoint.runtime.clock import Clock
 from trigpoint.runtime.codec import Frame, Kind, encode_frame
 from trigpoint.runtime.endings import Order, listen_for_orders
+from trigpoint.runtime.files import write_whole
 from trigpoint.runtime.settings import Identity
 from trigpoint.runtime.topics import reading_key, truth_key
 from trigpoint.runtime.transport import Transport
@@ -149,8 +150,7 @@ class PlantSettings:
 
 def write_plant(settings: PlantSettings, path: Path) -> None:
     """Write the plant's ``settings`` to ``path``, readable by its owner only: they hold the truth."""
-    path.touch(mode=0o600)
-    path.write_text(json.dumps(settings.to_document()), encoding="utf-8")
+    write_whole(path, json.dumps(settings.to_document()).encode("utf-8"))
 
 
 def read_plant(path: Path) -> PlantSettings:

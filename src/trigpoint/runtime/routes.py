@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
-from trigpoint.runtime.codec import Kind
+from trigpoint.observers.local import LocalObserver
+from trigpoint.runtime.codec import Kind, frame_size
 from trigpoint.runtime.gate import Route, Source
 from trigpoint.runtime.settings import NodeSettings
 from trigpoint.runtime.topics import node_key, ping_key, reading_key
@@ -24,6 +25,12 @@ def neighbours(settings: NodeSettings) -> tuple[str, ...]:
 def sizes(settings: NodeSettings) -> dict[str, int]:
     """Length of the estimate of each neighbour that is heard by a node with these ``settings``."""
     return {name: int(rows.shape[1]) for arc in settings.program.arcs for name, rows in arc.heard}
+
+
+def reading_sizes(program: LocalObserver) -> dict[int, int]:
+    """Length of every reading that the ``program`` uses, by label."""
+    widths = {label: int(matrix.shape[1]) for label, matrix in program.feedthrough}
+    return widths | {arc.label: int(arc.gain.shape[1]) for arc in program.arcs if arc.label is not None}
 
 
 def guests(settings: NodeSettings, role: str) -> frozenset[str]:
@@ -49,9 +56,12 @@ def routes_of(settings: NodeSettings, source: Callable[[str], Source]) -> dict[s
         routes[node_key(network, other, "hello")] = Route(_GREETED, only, speaks)
         routes[ping_key(network, other, name)] = Route(_ASKED, only, clock)
     sensors = guests(settings, "sensor") | {name}
-    widths = {label: int(matrix.shape[1]) for label, matrix in program.feedthrough}
-    widths |= {arc.label: int(arc.gain.shape[1]) for arc in program.arcs if arc.label is not None}
-    for label, width in widths.items():
+    for label, width in reading_sizes(program).items():
         routes[reading_key(network, label)] = Route(_READ, sensors, source(f"reading {label}"), width, label)
     routes[node_key(network, name, "control")] = Route(_ORDERED, guests(settings, "supervisor"), source("orders"))
     return routes
+
+
+def longest_of(routes: Iterable[Route]) -> int:
+    """Bytes of the longest frame that one of these ``routes`` lets in."""
+    return max((frame_size(name, route.size) for route in routes for name in route.senders), default=0)

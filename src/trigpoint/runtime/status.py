@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from trigpoint.arrays import FloatArray, frozen
-from trigpoint.errors import ProtocolError
-from trigpoint.runtime.codec import Frame, Kind
+from trigpoint.errors import ArgumentError, ProtocolError
+from trigpoint.observers.local import LocalObserver
+from trigpoint.runtime.codec import MOST_VALUES, Frame, Kind, require_name
 from trigpoint.runtime.gate import REASONS, Counters
 from trigpoint.runtime.links import State
 
@@ -20,11 +21,33 @@ STATUS_FIELDS: tuple[str, ...] = (
 LINK_FIELDS: tuple[str, ...] = ("state", "age", "received", "lost", "round_trip", "offset")
 """Then these for each neighbour, in the order of ``program.hears``; -1 where an age or round trip is not known."""
 
+MOST_NEIGHBOURS = (MOST_VALUES - len(STATUS_FIELDS)) // len(LINK_FIELDS)
+"""Neighbours that a live node can hear: its status holds a row for each, in one frame."""
+
 FLOOR_SHARE = 0.01
 """A clock offset whose predicted error floor exceeds this share of the estimate is warned about."""
 
 CLOCKS_APART = 0.05
 """Seconds of offset from which on a neighbour that answers but is not LIVE is put down to the clocks."""
+
+
+def require_frames(program: LocalObserver) -> None:
+    """Refuse a ``program`` whose estimate or status fits no frame, before a process trips over it.
+
+    Raises:
+        ArgumentError: too long a name, too many states or too many neighbours.
+    """
+    require_name(program.name)
+    if program.n_states > MOST_VALUES:
+        raise ArgumentError(
+            f"node {program.name!r} has {program.n_states} states; a live node has at most {MOST_VALUES}, since its "
+            "estimate travels in one frame: use a method whose nodes estimate their own part only"
+        )
+    if len(program.hears) > MOST_NEIGHBOURS:
+        raise ArgumentError(
+            f"node {program.name!r} hears {len(program.hears)} neighbours; a live node hears at most {MOST_NEIGHBOURS}"
+            ": leave arcs out, or give the node's part to several"
+        )
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from trigpoint.errors import ArgumentError, MissingExtraError
-from trigpoint.runtime.clock import Clock, new_epoch
+from trigpoint.runtime.clock import Clock, new_epoch, setting_of
 from trigpoint.runtime.codec import Frame, Kind, encode_frame
 from trigpoint.runtime.plan import LivePlan
 from trigpoint.runtime.topics import node_key
@@ -89,9 +89,10 @@ class Supervisor:
         self._plan, self._clock, self._transport = plan, clock, transport
         self._children: list[_Child] = []
         self._group: dict[str, _Child] = {}
-        self._epoch, self._sequence = new_epoch(), 0
+        self._epoch, self._sequence = new_epoch(clock), 0
         self._looked = 0.0
         self._lost: tuple[str, ...] | None = None
+        self._unwritten = False
         self._lock = threading.RLock()  # orders may come from the page's thread
         self.events: list[tuple[float, str, str]] = []
         position = 0
@@ -232,15 +233,22 @@ class Supervisor:
         return child
 
     def _launch(self, child: _Child) -> None:
-        with self._output(child).open("ab") as output:
-            child.process = subprocess.Popen(
-                [sys.executable, "-m", "trigpoint.runtime", *child.arguments],
-                stdin=subprocess.PIPE,
-                stdout=output,
-                stderr=output,
-                process_group=0,
-                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-            )
+        """Start a process; where the system refuses (no memory, a full disk), try again as if it had died."""
+        try:
+            with self._output(child).open("ab") as output:
+                child.process = subprocess.Popen(
+                    [sys.executable, "-m", "trigpoint.runtime", *child.arguments],
+                    stdin=subprocess.PIPE,
+                    stdout=output,
+                    stderr=output,
+                    process_group=0,
+                    env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", **setting_of(self._clock)},
+                )
+        except OSError as error:
+            child.failures += 1
+            child.due = self._clock.now() + backoff(child.failures)
+            self._note(child, f"ended before it began: {error}")
+            return
         child.started, child.due, child.exit_code, child.watched = self._clock.now(), None, None, None
         self._note(child, f"started as process {child.process.pid}")
 
@@ -273,9 +281,12 @@ class Supervisor:
 
     def _last_words(self, child: _Child) -> str:
         """The last line that a process that failed had to say, if it said anything."""
-        with self._output(child).open("rb") as output:
-            output.seek(max(0, output.seek(0, os.SEEK_END) - 1000))
-            lines = output.read().decode("utf-8", "replace").splitlines()
+        try:
+            with self._output(child).open("rb") as output:
+                output.seek(max(0, output.seek(0, os.SEEK_END) - 1000))
+                lines = output.read().decode("utf-8", "replace").splitlines()
+        except OSError:  # somebody took the file away
+            return ""
         return f": {lines[-1]}" if lines and child.exit_code == 2 else ""
 
     def reason(self, name: str) -> str | None:
@@ -321,8 +332,15 @@ class Supervisor:
         }
         document = {"supervisor": os.getpid(), "plant": self.plant_pid, "nodes": nodes}
         fresh = self.status_file.with_suffix(".new")
-        fresh.write_text(json.dumps(document, indent=1), encoding="utf-8")
-        fresh.replace(self.status_file)
+        try:
+            fresh.write_text(json.dumps(document, indent=1), encoding="utf-8")
+            fresh.replace(self.status_file)
+        except OSError as error:  # a full disk must not end the run, nor keep its processes from being ended
+            if not self._unwritten:
+                self.events.append((self._clock.now(), self._plan.watcher, f"cannot write {self.status_file}: {error}"))
+            self._unwritten = True
+        else:
+            self._unwritten = False
 
 
 def _pid(child: _Child) -> int | None:

@@ -1,0 +1,77 @@
+"""The clock of a run: it never steps, and a process that is started again has the one that all others have."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.runtime.living import CHAIN, planned
+from trigpoint.runtime import Supervisor, SystemClock
+from trigpoint.runtime.clock import SET, new_epoch, setting_of, told_clock
+
+
+def test_a_correction_of_the_wall_clock_moves_nothing(monkeypatch) -> None:
+    clock = SystemClock()
+    told, first = setting_of(clock), new_epoch(clock)
+    wall = time.time
+    monkeypatch.setattr(time, "time", lambda: wall() - 3600.0)
+    monkeypatch.setattr(time, "time_ns", lambda: round(1e9 * (wall() - 3600.0)))
+    again = told_clock(told)
+    assert again.now() == pytest.approx(clock.now(), abs=0.05)
+    assert new_epoch(again) > first
+    assert told_clock({}).now() == pytest.approx(clock.now() - 3600.0, abs=0.05)
+
+
+@pytest.mark.parametrize("text", ["", "soon", "nan", "inf"])
+def test_a_setting_that_means_nothing_is_left_aside(text) -> None:
+    now = told_clock({SET: text}).now()
+    assert math.isfinite(now)
+    assert now == pytest.approx(time.time(), abs=0.05)
+
+
+def test_the_processes_of_a_run_get_its_clock(tmp_path, monkeypatch) -> None:
+    """Also when the supervisor's clock is another than the machine's: it was set before the machine's was corrected."""
+    given = []
+
+    class Process:
+        pid, returncode, stdin = 1, 0, None
+
+        def __init__(self, *_, env, **__):
+            given.append(env)
+
+        def poll(self):
+            return None
+
+        def wait(self, _=None):
+            return 0
+
+        def send_signal(self, _):
+            pass
+
+    monkeypatch.setattr(subprocess, "Popen", Process)
+    clock = SystemClock(ahead=12345.0)
+    with planned(CHAIN, tmp_path) as (_, plan):
+        supervisor = Supervisor(plan, clock)
+        supervisor.start()
+        supervisor.kill("0")
+        supervisor.revive("0")
+    assert len(given) == 5
+    assert [float(env[SET]) for env in given] == pytest.approx([12345.0] * 5, abs=1e-6)
+
+
+def test_a_process_takes_the_clock_that_it_is_told() -> None:
+    code = "import os; from trigpoint.runtime.clock import told_clock; print(told_clock(os.environ).now())"
+    clock = SystemClock(ahead=1e6)
+    shown = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, **setting_of(clock)},
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    assert float(shown.stdout) == pytest.approx(clock.now(), abs=10.0)
