@@ -15,6 +15,7 @@ from tests.runtime.living import CHAIN, GRID, designed, planned
 from trigpoint.cli.live_plan import Places, anchor_timeout, ignored_troubles, plan_of, rate_of
 from trigpoint.errors import ArgumentError
 from trigpoint.io.sections import RunSection
+from trigpoint.observers.aged import aged_decay_rate
 from trigpoint.runtime import SimulatedPlant, decode_frame, read_settings
 from trigpoint.runtime.endpoints import parse_address
 from trigpoint.runtime.plan import free_addresses, linked
@@ -96,7 +97,12 @@ def test_the_settings_follow_the_scenario(tmp_path):
         assert (node.period, node.stale, node.old, node.window) == (0.02, 0.5, "use", 2.0)
         assert node.coverage == "nominal"
         assert node.decay_rate == pytest.approx(found.observer.decay_rate)
+        assert (node.settle_rate, node.overshoot) == (0.0, 1.0)  # a floor is left over
         assert node.anchor_timeout == anchor_timeout(9, 0.02, 0.5) == 1.0
+    with planned(GRID, tmp_path) as (found, plan):
+        rate = min(found.observer.decay_rate, 0.9 * aged_decay_rate(found.programs, 0.02, 0.02, 0.02))
+        assert plan.nodes[4].settle_rate == pytest.approx(rate)
+        assert 1.0 < plan.nodes[4].overshoot < 3.0
     assert anchor_timeout(200, 0.1, 0.4) == pytest.approx(20.8)
     for text in (CHAIN, WORST):
         with planned(text, tmp_path) as (_, plan):

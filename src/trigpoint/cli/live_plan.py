@@ -16,6 +16,7 @@ from trigpoint.cli.simulating import scenario_of
 from trigpoint.errors import ArgumentError
 from trigpoint.io.sections import DesignSection, RunSection
 from trigpoint.observers import AssembledObserver, DiffusiveObserver
+from trigpoint.observers.aged import settling
 from trigpoint.observers.network import NetworkObserver
 from trigpoint.runtime.endpoints import require_safe
 from trigpoint.runtime.keys import find_identity, make_keys
@@ -166,6 +167,10 @@ def _common(design: Design, section: RunSection, period: float) -> NodeSettings:
     static = all(not node.A.any() for node in observer.nodes)
     everywhere = static or design.choices.gain == "worst-case"
     stale = section.stale or max(0.25, 4.0 * period)
+    rate = max(0.0, float(observer.decay_rate))
+    # Messages that are a whole period old on average: half of it for the phases, half for the way.
+    known = section.old == "propagate" and not static
+    settle, overshoot = settling(observer, period, period, period, rate) if known else (0.0, 1.0)
     busiest = max(len(node.reads) + len(node.hears) for node in observer.nodes)
     return NodeSettings(
         design.given.path.stem,
@@ -179,7 +184,9 @@ def _common(design: Design, section: RunSection, period: float) -> NodeSettings:
         status_every=max(0.25, len(observer.nodes) / 400.0),
         ping_every=max(1.0, len(observer.nodes) / 100.0),
         rate_limit=max(1000.0, 10.0 * (busiest + 4) / period),
-        decay_rate=max(0.0, float(observer.decay_rate)),
+        decay_rate=rate,
+        settle_rate=settle,
+        overshoot=overshoot,
     )
 
 
