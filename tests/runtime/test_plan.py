@@ -103,6 +103,11 @@ def test_the_settings_follow_the_scenario(tmp_path):
         rate = min(found.observer.decay_rate, 0.9 * aged_decay_rate(found.programs, 0.02, 0.02, 0.02))
         assert plan.nodes[4].settle_rate == pytest.approx(rate)
         assert 1.0 < plan.nodes[4].overshoot < 3.0
+        assert (plan.nodes[4].nodes, plan.nodes[4].max_nodes) == (9, 0)
+    with planned(WORST, tmp_path) as (_, plan):  # constants: any number may join
+        assert (plan.nodes[0].nodes, plan.nodes[0].max_nodes) == (3, 0)
+    with planned(GRID.replace('"from-graph"', '"worst-case"\nmax_nodes = 12'), tmp_path) as (_, plan):
+        assert (plan.nodes[0].nodes, plan.nodes[0].max_nodes, plan.nodes[0].coverage) == (9, 12, "every")
     assert anchor_timeout(200, 0.1, 0.4) == pytest.approx(20.8)
     for text in (CHAIN, WORST):
         with planned(text, tmp_path) as (_, plan):

@@ -187,6 +187,8 @@ def _common(design: Design, section: RunSection, period: float) -> NodeSettings:
         decay_rate=rate,
         settle_rate=settle,
         overshoot=overshoot,
+        nodes=len(observer.nodes),
+        max_nodes=0 if static else design.choices.max_nodes or 0,
     )
 
 

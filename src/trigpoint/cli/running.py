@@ -1,4 +1,4 @@
-"""``trigpoint run`` and ``trigpoint node``: the network as real processes."""
+"""``trigpoint run``: the network as real processes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,23 +19,20 @@ from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import changed, part_of, read_any
 from trigpoint.cli.live import LiveRun, facts_of, holds, log_of, seconds_of
 from trigpoint.cli.live_plan import Design, Places, ignored_troubles, plan_of
+from trigpoint.cli.nodes import Plain, warn_of
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, guarded, notice
 from trigpoint.cli.watching import watched
 from trigpoint.errors import ArgumentError
 from trigpoint.io.sections import RunSection
 from trigpoint.methods import design
-from trigpoint.runtime.__main__ import run_nodes
-from trigpoint.runtime.endpoints import is_local, parse_address, require_safe
 from trigpoint.runtime.monitor import Snapshot
 from trigpoint.runtime.plan import LivePlan
-from trigpoint.runtime.settings import read_settings
 
 For = Annotated[str | None, typer.Option("--for", help="How long: 20s, 500ms, 2min; until Ctrl-C if absent.")]
 Rate = Annotated[float | None, typer.Option("--rate", help="Exchanges a second (Hz).")]
 Kind = Annotated[str | None, typer.Option("--transport", help="unixsock, tcp, udp, tls or quic.")]
 PerProcess = Annotated[int | None, typer.Option("--agents-per-process", help="Nodes that share a process (1).")]
 Prepare = Annotated[Path | None, typer.Option("--prepare", help="Write the settings to this folder and run nothing.")]
-Plain = Annotated[bool, typer.Option("--allow-plain", help="Allow plain text on addresses beyond this machine.")]
 
 
 @guarded
@@ -95,39 +91,6 @@ def run_command(
     return HOLDS if holds(facts) and live.trouble is None else FAILS
 
 
-@guarded
-def node_command(
-    files: Annotated[list[Path], typer.Argument(help="Settings of nodes, written by run --prepare.")],
-    listen: Annotated[str | None, typer.Option("--listen", help="Listen on this address instead.")] = None,
-    peer: Annotated[list[str] | None, typer.Option("--peer", help="NAME=ADDRESS of a neighbour to connect to.")] = None,
-    allow_plain: Plain = False,
-) -> int:
-    """Run one node on its own host (or several in one process), until SIGTERM or Ctrl-C; SIGHUP reads the files again.
-
-    The node finds its neighbours at the addresses in its settings; --listen and --peer replace them.
-    """
-    peers = dict(_pair(text) for text in peer or [])
-    nodes = []
-    for file in files:
-        settings = read_settings(file)
-        strangers = sorted(set(peers) - set(settings.program.hears) - set(settings.peers))
-        if strangers:
-            raise ArgumentError(f"--peer names {strangers[0]!r}, no neighbour of {settings.name!r}")
-        if listen is not None and len(files) > 1:
-            raise ArgumentError("--listen is one address; give one file with it")
-        settings = replace(
-            settings, listen=settings.listen if listen is None else listen, peers={**settings.peers, **peers}
-        )  # fmt: skip
-        for address in (settings.listen, *settings.peers.values()):
-            if address:
-                require_safe(address, settings.identity, allow_plain=allow_plain)
-                _warn_of(address)
-        changed_here = listen is not None or bool(peers)
-        nodes.append((settings, None if changed_here else file))
-    run_nodes(nodes, tied=False)
-    return HOLDS
-
-
 def changed_run(section: RunSection, **options: object) -> RunSection:
     """The run section with the command line's own options, checked like a file's."""
     given = {key: value for key, value in options.items() if value is not None}
@@ -138,14 +101,6 @@ def changed_run(section: RunSection, **options: object) -> RunSection:
         option = "--" + str(first["loc"][0]).replace("_", "-")
         expected = first["msg"].removeprefix("Input should be ")
         raise ArgumentError(f"{option}: got {first['input']!r}, expected {expected}") from error
-
-
-def _pair(text: str) -> tuple[str, str]:
-    name, equals, address = text.rpartition("=")
-    if not equals or not name:
-        raise ArgumentError(f"--peer: got {text!r}, expected NAME=ADDRESS")
-    parse_address(address)
-    return name, address
 
 
 @contextmanager
@@ -182,12 +137,7 @@ def _say_what_is_ignored(designed: Design) -> None:
 
 def _warn_of_plain_text(plan: LivePlan) -> None:
     for address in (plan.listen, *(node.listen for node in plan.nodes)):
-        _warn_of(address)
-
-
-def _warn_of(address: str) -> None:
-    if not is_local(address) and not parse_address(address).secured:
-        notice(f"warning: {address} is plain text that others in the network can read and forge")
+        warn_of(address)
 
 
 @contextmanager

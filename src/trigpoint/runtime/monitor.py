@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,7 +15,7 @@ from trigpoint.errors import ProtocolError
 from trigpoint.observers.local import LocalObserver, LocalState
 from trigpoint.runtime.clock import Clock
 from trigpoint.runtime.codec import Frame, Kind, decode_frame
-from trigpoint.runtime.status import NodeStatus, node_status
+from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, NodeStatus, node_status
 from trigpoint.runtime.topics import everything
 from trigpoint.runtime.transport import Transport
 
@@ -168,7 +168,7 @@ class Monitor:
         if program is None:
             return
         if frame.kind is Kind.STATUS:
-            self._statuses[frame.sender] = node_status(frame, program.hears)
+            self._statuses[frame.sender] = node_status(_without_newcomers(frame, len(program.hears)), program.hears)
         elif frame.kind is Kind.TRUTH:
             self._truths[frame.sender] = frame
         elif frame.kind is Kind.ESTIMATE:
@@ -214,3 +214,12 @@ class Monitor:
             return truth.values
         later = time - truth.time
         return np.asarray(transition_and_integral(np.sign(later) * motion, abs(later))[0] @ truth.values)
+
+
+def _without_newcomers(status: Frame, count: int) -> Frame:
+    """The ``status`` with its first ``count`` links: who joined a node since the monitor was made comes after them."""
+    fixed, each = len(STATUS_FIELDS), len(LINK_FIELDS)
+    further = status.values.shape[0] - fixed - count * each
+    if further <= 0 or further % each:
+        return status
+    return replace(status, values=status.values[:-further])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -61,6 +61,8 @@ class NodeSettings:
         decay_rate: the design's rate for this gain, 1/s, to tell people; 0 where none is guaranteed.
         settle_rate: 1/s, what the uncertainty of an estimate of something that moves falls by at most; 0: never.
         overshoot: factor, at least 1, by which such an estimate's error may exceed its first one on the way.
+        nodes: how many nodes the network had when these settings were written; 0 where nobody said.
+        max_nodes: how many the gain serves; 0 for any number.
     """
 
     network: str
@@ -87,6 +89,8 @@ class NodeSettings:
     decay_rate: float = 0.0
     settle_rate: float = 0.0
     overshoot: float = 1.0
+    nodes: int = 0
+    max_nodes: int = 0
 
     def __post_init__(self) -> None:
         """Check every number once."""
@@ -100,6 +104,10 @@ class NodeSettings:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= least):
                 raise ArgumentError(f"{name} of a node must be a number of at least {least:g}; got {value}")
+        for name in ("nodes", "max_nodes"):
+            number = getattr(self, name)
+            if type(number) is not int or number < 0:
+                raise ArgumentError(f"{name} of a node must be a whole number of at least 0; got {number!r}")
         for name, choices in (("old", get_args(OldPolicy)), ("coverage", get_args(Coverage))):
             if getattr(self, name) not in choices:
                 raise ArgumentError(f"{name} must be {' or '.join(choices)}; got {getattr(self, name)!r}")
@@ -151,6 +159,8 @@ class NodeSettings:
             "decay_rate": self.decay_rate,
             "settle_rate": self.settle_rate,
             "overshoot": self.overshoot,
+            "nodes": self.nodes,
+            "max_nodes": self.max_nodes,
         }
 
     @staticmethod
@@ -192,9 +202,25 @@ _NUMBERS = (
 
 
 def write_settings(settings: NodeSettings, path: Path) -> None:
-    """Write all that one live node needs (``settings``) to ``path``, readable by its owner only."""
-    path.touch(mode=0o600)
-    path.write_text(json.dumps(settings.to_document(), indent=1), encoding="utf-8")
+    """Write all that one live node needs (``settings``) to ``path``, for its owner only, whole or not at all."""
+    write_all([(settings, path)])
+
+
+def write_all(pairs: Sequence[tuple[NodeSettings, Path]]) -> None:
+    """Write the settings of each of the ``pairs`` to its path: no file is replaced before all have been written."""
+    fresh = []
+    try:
+        for settings, path in pairs:
+            half = path.with_name(path.name + ".part")
+            fresh.append((half, path))
+            half.unlink(missing_ok=True)
+            half.touch(mode=0o600)
+            half.write_text(json.dumps(settings.to_document(), indent=1), encoding="utf-8")
+        for half, path in fresh:
+            half.replace(path)
+    finally:
+        for half, _ in fresh:
+            half.unlink(missing_ok=True)
 
 
 def read_settings(path: Path) -> NodeSettings:
