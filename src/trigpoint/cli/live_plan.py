@@ -142,7 +142,7 @@ def plan_of(design: Design, section: RunSection, places: Places) -> LivePlan:
     motions = {name: settings.parts[part].A for name, part in settings.shows}
     return LivePlan(
         network, linked(nodes, addresses), settings, places.folder, watcher, watching, identities.get(watcher),
-        section.agents_per_process, motions,
+        section.agents_per_process, motions, plant,
     )  # fmt: skip
 
 

@@ -17,9 +17,10 @@ from rich.table import Table
 from trigpoint.analysis import diagnose
 from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import changed, part_of, read_any
-from trigpoint.cli.live import LiveRun, facts_of, holds, log_of, seconds_of
+from trigpoint.cli.live import LiveRun, facts_of, holds, log_of, replayed, seconds_of
 from trigpoint.cli.live_plan import Design, Places, ignored_troubles, plan_of
 from trigpoint.cli.nodes import Plain, warn_of
+from trigpoint.cli.recorded import Record, record_of
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, guarded, notice
 from trigpoint.cli.watching import watched
 from trigpoint.errors import ArgumentError
@@ -44,6 +45,10 @@ def run_command(
     agents_per_process: PerProcess = None,
     prepare: Prepare = None,
     allow_plain: Plain = False,
+    readings: Annotated[
+        Path | None, typer.Option("--readings", help="Recorded readings (.mcap, .csv) instead of a simulated plant.")
+    ] = None,
+    speed: Annotated[float, typer.Option("--speed", help="How much faster than recorded they come.")] = 1.0,
     watch: Annotated[bool, typer.Option("--watch", help="Show the run on a page for the browser.")] = False,
     port: Annotated[int, typer.Option("--port", help="Port of that page, on 127.0.0.1.")] = 8765,
     out: Out = None,
@@ -53,7 +58,12 @@ def run_command(
 
     Writes run.mcap beside the scenario, or with --out DIR there, together with settings, outputs and status.json.
     Ctrl-C ends it in order. Exit code 1: a node did not run, was not heard, or was not anchored, at the end.
+    With --readings it ends when the record does, or --for later.
     """
+    if readings is None and speed != 1.0:
+        raise ArgumentError("--speed belongs to --readings")
+    if readings is not None and prepare is not None:
+        raise ArgumentError("--prepare runs nothing; leave --readings out")
     seconds = None if duration is None else seconds_of(duration)
     given = read_any(file)
     section = changed_run(
@@ -75,7 +85,8 @@ def run_command(
         if prepare is not None:
             return _prepared(plan, as_json)
         log = (file.parent if out is None else out) / "run.mcap"
-        live = LiveRun(plan, None)
+        record = None if readings is None else _recorded(readings, speed, log, plan, designed)
+        live = LiveRun(plan, None) if record is None else replayed(record, plan)
         live.keep(log_of(plan, log))  # only now: where the links cannot be opened, no log is left behind
         with watched(live, port if watch else None), _shown(live, as_json) as show:
             last = live.follow(seconds, show)
@@ -129,6 +140,19 @@ def _prepared(plan: LivePlan, as_json: bool) -> int:
     return HOLDS
 
 
+def _recorded(path: Path, speed: float, log: Path, plan: LivePlan, designed: Design) -> Record:
+    """The readings, with a word on what does not fit them."""
+    if path.resolve() == log.resolve():
+        raise ArgumentError(f"the run would write its log over its readings, {path}; give another --out")
+    record = record_of(path, speed, plan)
+    if record.silent:
+        notice(f"{path} holds no readings of {len(record.silent)} arcs, which stay out: "
+               f"{', '.join(map(str, record.silent[:12]))}")  # fmt: skip
+    if speed != 1.0 and any(node.A.any() for node in designed.programs.nodes):
+        notice(f"the agents move as fast as ever, their readings {speed:g} times as fast: the estimates will be off")
+    return record
+
+
 def _say_what_is_ignored(designed: Design) -> None:
     keys = ignored_troubles(designed)
     if keys:
@@ -174,6 +198,8 @@ def _summarize(facts: dict[str, Any], log: Path) -> None:
     measured, predicted = _number(facts["decay_rate_measured"]), _number(facts["decay_rate_predicted"])
     ages = f"messages {1e3 * facts['message_age']:.1f} ms old, readings {1e3 * facts['reading_age']:.1f} ms"
     table.add_row("decay rate", f"measured {measured} /s, predicted {predicted} /s with {ages}")
+    if facts["readings"] is not None:
+        table.add_row("recorded readings", str(facts["readings"]))
     table.add_row("anchored", f"{facts['anchored']} of {facts['nodes']} (guarantee covers {facts['covered']})")
     table.add_row("restarts", f"{facts['restarts']}" + (f"; dead: {', '.join(facts['dead'])}" if facts["dead"] else ""))
     table.add_row("missed deadlines", f"{facts['missed']} of {facts['acts'] + facts['missed']}")

@@ -32,6 +32,7 @@ class LivePlan:
         identity: the monitor's certificates, or None.
         agents_per_process: how many nodes share a process.
         motions: by node, the dynamics of what it estimates (for the monitor only).
+        sensor: name of the guest of every node that publishes the readings, where there is no plant.
     """
 
     network: str
@@ -43,6 +44,7 @@ class LivePlan:
     identity: Identity | None
     agents_per_process: int
     motions: Mapping[str, FloatArray]
+    sensor: str = ""
 
     def __post_init__(self) -> None:
         """Refuse an empty plan and impossible groups."""
