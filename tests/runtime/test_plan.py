@@ -61,7 +61,7 @@ def test_of_two_neighbours_the_later_connects(tmp_path):
         assert len(set(listens.values())) == 9
         assert all(address == listens[other] for node in plan.nodes for other, address in node.peers.items())
         assert {parse_address(address).local for address in listens.values()} == {True}
-        assert set(plan.plant.peers) == {*names, plan.watcher}
+        assert set(plan.plant.peers) == {*names, plan.watcher, plan.viewer.name}
 
 
 def test_who_is_heard_without_hearing_lets_the_other_listen(tmp_path):
@@ -220,4 +220,4 @@ def test_names_of_guests_make_way(tmp_path):
     with planned('[network]\narcs = [["", "plant", 1.0], ["plant", "supervisor", 2.0]]\n', tmp_path) as (_, plan):
         assert plan.plant.name == "plant_"
         assert plan.watcher == "supervisor_"
-        assert plan.nodes[0].guests == {"plant_": "sensor", "supervisor_": "supervisor"}
+        assert plan.nodes[0].guests == {"plant_": "sensor", "supervisor_": "supervisor", "monitor": "monitor"}
