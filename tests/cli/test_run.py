@@ -23,7 +23,7 @@ KEYS = {
     "nodes", "processes", "rate", "seconds", "decay_rate_measured", "decay_rate_predicted", "decay_rate", "message_age",
     "reading_age", "initial_error", "final_error", "relative_error", "heard", "anchored", "covered", "dead", "silent",
     "restarts", "acts", "missed", "step_us", "frames", "bytes", "cpu_per_node", "memory_per_process", "memory",
-    "warnings", "log",
+    "warnings", "log", "readings",
 }  # fmt: skip
 
 

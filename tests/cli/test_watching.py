@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.io import save
 from trigpoint.model import Network
 from trigpoint.runtime import Frame, Kind, LogWriter
+from trigpoint.runtime.viewer import running
 
 NAMES = ("a", "b", "c")
 HEARS = {"a": ["b"], "b": ["a", "c"], "c": ["b"]}
@@ -120,6 +122,63 @@ def test_a_live_run_is_watched_and_obeys(tmp_path):
             run.kill()
     assert json.loads(out)["nodes"] == 3
     assert feed_of(tmp_path, None).topology()["arcs"] == [[0, 1], [1, 2]]
+
+
+def test_a_run_that_goes_on_is_watched_from_outside_and_replayed_when_it_is_over(tmp_path):
+    """Two programs: one runs, the other shows its folder, and gives no orders."""
+    (tmp_path / "three.toml").write_text(SCENARIO, encoding="utf-8")
+    program = "import sys; sys.argv[0] = 'trigpoint'; from trigpoint.cli import main; main()"
+    command = [sys.executable, "-c", program]
+    out, port = tmp_path / "out", free_port()
+    run = subprocess.Popen([*command, "run", str(tmp_path / "three.toml"), "--for", "5min", "--out", str(out)],
+                           stdout=subprocess.DEVNULL)  # fmt: skip
+    page_of = None
+    try:
+        limit = time.monotonic() + 60.0
+        while not (out / "status.json").exists():
+            assert time.monotonic() < limit
+            time.sleep(0.05)
+        page_of = subprocess.Popen(
+            [*command, "watch", str(out), "--port", str(port), "--json"],
+            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        )  # fmt: skip
+        told = "".join(page_of.stdout.readline() for _ in range(4))
+        assert json.loads(told)["live"] is True
+        token = re.search(r"token=([^\"\s]+)", told)[1]
+        with page_at(port, token) as page:
+            topology = json.loads(page.recv(timeout=30))
+            assert (topology["mode"], topology["arcs"], topology["controls"]) == ("live", [[0, 1], [1, 2]], [])
+            until_states(page, lambda states: states == ["anchored"] * 3)
+            run.send_signal(signal.SIGINT)
+            assert run.wait(60) == 0
+            until_said(page, "The run is over.")
+    finally:
+        for process in (run, page_of):
+            if process is not None:
+                process.kill()
+                process.communicate()
+    assert feed_of(out, None).topology()["mode"] == "replay"
+    assert not running(out)
+
+
+def page_at(port, token):
+    """The page's connection, as soon as somebody listens."""
+    limit = time.monotonic() + 60.0
+    while True:
+        try:
+            return connect(f"ws://127.0.0.1:{port}/ws?token={token}", origin=f"http://127.0.0.1:{port}", proxy=None)
+        except ConnectionRefusedError:
+            assert time.monotonic() < limit
+            time.sleep(0.1)
+
+
+def until_said(page, text):
+    """Reads messages until one holds the text."""
+    for _ in range(900):
+        message = page.recv(timeout=30)
+        if isinstance(message, str) and text in message:
+            return
+    raise AssertionError(f"nobody said {text!r}")
 
 
 def until_states(page, wanted):

@@ -7,7 +7,7 @@ import pytest
 
 import trigpoint as tp
 from trigpoint.errors import ArgumentError
-from trigpoint.observers.aged import aged_decay_rate, aged_error_map
+from trigpoint.observers.aged import aged_decay_rate, aged_error_map, aged_overshoot, settling
 from trigpoint.simulation import Channel, Clocks
 
 TURN = tp.LinearAgent([[0, 1], [-1, 0]], [[1, 0]])
@@ -100,3 +100,50 @@ def test_old_readings_are_read_with_rotated_rows():
 def test_impossible_ages_are_refused(given, words):
     with pytest.raises(ArgumentError, match=words):
         aged_decay_rate(observer(TURN)[1].as_programs(), *given)
+
+
+@pytest.mark.parametrize("agent", [tp.LinearAgent.static(), TURN, tp.LinearAgent([[0, 1], [0, 0]], [[1, 0]])])
+@pytest.mark.parametrize("age", [0.0, 0.03, 0.05])
+def test_no_error_leaves_the_curve(agent, age):
+    """``|e_i| / sqrt(n)`` stays below ``K e^{-rate t}`` from any start below 1; some start comes near it."""
+    _, found = observer(agent)
+    programs, period = found.as_programs(), 0.05
+    rate = 0.9 * aged_decay_rate(programs, period, age, age)
+    factor = aged_overshoot(programs, period, age, age, rate)
+    n, rng = agent.n_states, np.random.default_rng(1)
+    M = aged_error_map(programs, period, age, age).toarray()
+    back = tp.arrays.expm(-period * agent.A)
+    nearest = 0.0
+    for draw in range(40):
+        e = rng.normal(size=(9, n)) if draw else np.ones((9, n))
+        e *= np.sqrt(n) / np.linalg.norm(e, axis=1)[:, None]
+        parts = [e]
+        while len(parts) * 9 * n < M.shape[0]:
+            parts.append(parts[-1] @ back.T)
+        now = np.concatenate([part.ravel() for part in parts])
+        for k in range(400):
+            worst = np.linalg.norm(now[: 9 * n].reshape(9, n), axis=1).max() / np.sqrt(n)
+            assert worst <= factor * np.exp(-rate * k * period) * (1.0 + 1e-9)
+            nearest = max(nearest, worst / (factor * np.exp(-rate * k * period)))
+            now = M @ now
+    assert nearest > 0.3
+
+
+def test_agents_of_different_sizes_have_a_curve_too():
+    agents = [tp.LinearAgent([[-0.5]], [[1.0]]), TURN, tp.LinearAgent([[0, 2], [-2, 0]], [[1, 0]])]
+    problem = tp.NetworkedAgents(tp.graphs.cycle(3, anchors=[0, 1]), agents)
+    programs = tp.design(problem, tp.methods.Heterogeneous())
+    rate, factor = settling(programs, 0.02, 0.02, 0.02, 1.0)
+    assert rate > 0.0
+    assert factor >= 1.0
+
+
+def test_no_curve_is_claimed_where_none_is_found():
+    _, found = observer(TURN)
+    programs = found.as_programs()
+    assert aged_overshoot(programs, 0.02, 0.02, 0.02, 0.0) is None
+    assert aged_overshoot(programs, 0.02, 0.02, 0.02, 1.01 * aged_decay_rate(programs, 0.02, 0.02, 0.02)) is None
+    assert settling(programs, 0.02, 0.02, 0.02, 0.0) == (0.0, 1.0)
+    _, large = observer(TURN, 20)
+    assert settling(large.as_programs(), 0.02, 0.02, 0.02, 1.0) == (0.0, 1.0)
+    assert aged_overshoot(large.as_programs(), 0.02, 0.02, 0.02, 0.01) is None

@@ -7,7 +7,7 @@ import pytest
 
 from trigpoint.arrays import expm
 from trigpoint.observers import LocalArc, LocalObserver
-from trigpoint.runtime import STATUS_FIELDS, Frame, Kind, Monitor, encode_frame
+from trigpoint.runtime import LINK_FIELDS, STATUS_FIELDS, Frame, Kind, Monitor, encode_frame
 from trigpoint.runtime.codec import LARGEST_FRAME
 from trigpoint.runtime.topics import node_key, reading_key, truth_key
 
@@ -172,6 +172,21 @@ def test_an_older_status_does_not_come_back():
         hand.feed(node_key("n", "a", "status"), encode_frame(frame))
     monitor.poll()
     assert not monitor.snapshot().status[0].anchored
+
+
+def test_a_node_that_was_joined_by_another_is_still_understood():
+    """Its status has one link more than the monitor knows of; half a link is nonsense."""
+    hand, monitor = watching()
+    known = len(STATUS_FIELDS) + len(LINK_FIELDS) * len(monitor._programs["a"].hears)
+    for sequence, more in enumerate((0, len(LINK_FIELDS), 1)):
+        values = np.zeros(known + more)
+        values[0] = 1.0
+        frame = Frame(Kind.STATUS, "a", 1, sequence, 100.0 + sequence, (), values)
+        hand.feed(node_key("n", "a", "status"), encode_frame(frame))
+    monitor.poll()
+    status = monitor.snapshot().status[0]
+    assert (status.time, status.anchored, monitor.malformed) == (101.0, True, 1)
+    assert tuple(link.neighbour for link in status.links) == monitor._programs["a"].hears
 
 
 def test_readings_of_arcs_that_nobody_has_are_forgotten():

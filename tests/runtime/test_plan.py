@@ -15,6 +15,7 @@ from tests.runtime.living import CHAIN, GRID, designed, planned
 from trigpoint.cli.live_plan import Places, anchor_timeout, ignored_troubles, plan_of, rate_of
 from trigpoint.errors import ArgumentError
 from trigpoint.io.sections import RunSection
+from trigpoint.observers.aged import aged_decay_rate
 from trigpoint.runtime import SimulatedPlant, decode_frame, read_settings
 from trigpoint.runtime.endpoints import parse_address
 from trigpoint.runtime.plan import free_addresses, linked
@@ -60,7 +61,7 @@ def test_of_two_neighbours_the_later_connects(tmp_path):
         assert len(set(listens.values())) == 9
         assert all(address == listens[other] for node in plan.nodes for other, address in node.peers.items())
         assert {parse_address(address).local for address in listens.values()} == {True}
-        assert set(plan.plant.peers) == {*names, plan.watcher}
+        assert set(plan.plant.peers) == {*names, plan.watcher, plan.viewer.name}
 
 
 def test_who_is_heard_without_hearing_lets_the_other_listen(tmp_path):
@@ -96,7 +97,17 @@ def test_the_settings_follow_the_scenario(tmp_path):
         assert (node.period, node.stale, node.old, node.window) == (0.02, 0.5, "use", 2.0)
         assert node.coverage == "nominal"
         assert node.decay_rate == pytest.approx(found.observer.decay_rate)
+        assert (node.settle_rate, node.overshoot) == (0.0, 1.0)  # a floor is left over
         assert node.anchor_timeout == anchor_timeout(9, 0.02, 0.5) == 1.0
+    with planned(GRID, tmp_path) as (found, plan):
+        rate = min(found.observer.decay_rate, 0.9 * aged_decay_rate(found.programs, 0.02, 0.02, 0.02))
+        assert plan.nodes[4].settle_rate == pytest.approx(rate)
+        assert 1.0 < plan.nodes[4].overshoot < 3.0
+        assert (plan.nodes[4].nodes, plan.nodes[4].max_nodes) == (9, 0)
+    with planned(WORST, tmp_path) as (_, plan):  # constants: any number may join
+        assert (plan.nodes[0].nodes, plan.nodes[0].max_nodes) == (3, 0)
+    with planned(GRID.replace('"from-graph"', '"worst-case"\nmax_nodes = 12'), tmp_path) as (_, plan):
+        assert (plan.nodes[0].nodes, plan.nodes[0].max_nodes, plan.nodes[0].coverage) == (9, 12, "every")
     assert anchor_timeout(200, 0.1, 0.4) == pytest.approx(20.8)
     for text in (CHAIN, WORST):
         with planned(text, tmp_path) as (_, plan):
@@ -209,7 +220,7 @@ def test_names_of_guests_make_way(tmp_path):
     with planned('[network]\narcs = [["", "plant", 1.0], ["plant", "supervisor", 2.0]]\n', tmp_path) as (_, plan):
         assert plan.plant.name == "plant_"
         assert plan.watcher == "supervisor_"
-        assert plan.nodes[0].guests == {"plant_": "sensor", "supervisor_": "supervisor"}
+        assert plan.nodes[0].guests == {"plant_": "sensor", "supervisor_": "supervisor", "monitor": "monitor"}
 
 
 def test_a_node_that_no_frame_can_speak_for_is_refused_before_anything_runs(tmp_path):

@@ -22,6 +22,10 @@ FULL = replace(
     peers={"1": "tcp/127.0.0.1:7001"},
     identity=Identity("ca.pem", "one.pem", "one.key"),
     decay_rate=0.3,
+    settle_rate=0.2,
+    overshoot=1.5,
+    nodes=9,
+    max_nodes=12,
 )
 
 
@@ -49,6 +53,10 @@ def test_settings_name_the_neighbours_only() -> None:
         ({"status_every": -1.0}, "status_every"),
         ({"ping_every": np.inf}, "ping_every"),
         ({"start_uncertainty": -1.0}, "at least 0"),
+        ({"nodes": -1}, "nodes of a node must be a whole number"),
+        ({"max_nodes": 2.0}, "max_nodes of a node must be a whole number"),
+        ({"settle_rate": -1.0}, "settle_rate of a node must be a number of at least 0"),
+        ({"overshoot": 0.5}, "overshoot of a node must be a number of at least 1"),
         ({"old": "drop"}, "old must be propagate or use"),
         ({"coverage": "some"}, "coverage must be"),
         ({"input": np.zeros(3)}, "input of a node must fit its B"),

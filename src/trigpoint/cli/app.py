@@ -12,10 +12,11 @@ from trigpoint.cli.demo import demo
 from trigpoint.cli.designing import certify_command, design_command, verify_command
 from trigpoint.cli.estimating import estimate_command
 from trigpoint.cli.keys import keys_command
+from trigpoint.cli.nodes import node_command
 from trigpoint.cli.others import convert
 from trigpoint.cli.reporting import report
 from trigpoint.cli.reproducing import reproduce_command
-from trigpoint.cli.running import node_command, run_command
+from trigpoint.cli.running import run_command
 from trigpoint.cli.simulating import simulate_command
 from trigpoint.cli.watching import watch
 

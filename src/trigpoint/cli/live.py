@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -16,15 +16,18 @@ from typing import Any
 import numpy as np
 
 from trigpoint.arrays import FloatArray
+from trigpoint.cli.recorded import Player, Record
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.observers import AssembledObserver, Run
 from trigpoint.observers.aged import aged_decay_rate
+from trigpoint.runtime.__main__ import plant_transport
 from trigpoint.runtime.access import guest_rules
-from trigpoint.runtime.clock import SystemClock
+from trigpoint.runtime.clock import SystemClock, new_epoch
 from trigpoint.runtime.codec import Kind
 from trigpoint.runtime.log import LogWriter
 from trigpoint.runtime.monitor import Monitor, Snapshot
 from trigpoint.runtime.plan import LivePlan
+from trigpoint.runtime.sensors import ReadingPublisher
 from trigpoint.runtime.supervisor import Supervisor, Usage
 from trigpoint.runtime.zenoh_link import ZenohTransport
 
@@ -90,10 +93,12 @@ class LiveRun:
     Attributes:
         plan: what runs.
         log: where every frame goes, or None.
+        player: publishes recorded readings, where there is no plant.
     """
 
     plan: LivePlan
     log: LogWriter | None
+    player: Player | None = None
     clock: SystemClock = field(default_factory=SystemClock)
     trouble: str | None = None
     closing: bool = False
@@ -102,8 +107,9 @@ class LiveRun:
         """Open the links; nothing runs yet."""
         plan = self.plan
         roles = dict.fromkeys(plan.names, "node")
-        if plan.plant is not None:
-            roles[plan.plant.name] = "sensor"
+        sensor = plan.sensor if plan.plant is None else plan.plant.name
+        if sensor:
+            roles[sensor] = "sensor"
         rules = None if plan.identity is None else guest_rules(plan.network, "supervisor", roles)
         self.transport = ZenohTransport(
             plan.listen, [node.listen for node in plan.nodes], identity=plan.identity, rules=rules
@@ -124,18 +130,21 @@ class LiveRun:
     def follow(self, duration: float | None, show: Callable[[Snapshot], None]) -> Snapshot:
         """Start everything, run for ``duration`` seconds or until a signal, end everything; the last snapshot.
 
-        ``show`` is called ten times a second or so.
+        With recorded readings the run ends with them, or ``duration`` seconds later. ``show`` is called ten times a
+        second or so.
         """
         with ended_by_signals() as ended:
             self.supervisor.start()
             try:
-                limit = None if duration is None else self.clock.now() + duration
+                limit = None if duration is None or self.player is not None else self.clock.now() + duration
                 shown = 0.0
                 while not ended.is_set() and (limit is None or self.clock.now() < limit):
                     began = time.monotonic()
                     self.step()
                     snapshot = self.monitor.snapshot()
                     self.recorder.take(snapshot)
+                    if self.player is not None and self.player.tick(self.heard) and limit is None:
+                        limit = self.clock.now() + (duration or 0.0)
                     if snapshot.time - shown >= 0.1:
                         show(snapshot)
                         shown = snapshot.time
@@ -144,6 +153,10 @@ class LiveRun:
                 return self.monitor.snapshot()
             finally:
                 self.close()
+
+    def heard(self) -> bool:
+        """Whether an estimate of every node was heard within the last second."""
+        return bool((self.monitor.snapshot().age < 1.0).all())
 
     def step(self) -> None:
         """Take in what has arrived and look after the processes."""
@@ -154,6 +167,8 @@ class LiveRun:
     def close(self) -> None:
         """End the processes, then the links, then the log, which gets the goodbyes, too."""
         self.closing = True
+        if self.player is not None:
+            self.player.close()
         self.supervisor.stop()
         self.monitor.poll()
         self._log_events()
@@ -180,6 +195,15 @@ class LiveRun:
             self._told += 1
             if self.log is not None and self.trouble is None:
                 self.log.event(text, node, time=moment)
+
+
+def replayed(record: Record, plan: LivePlan) -> LiveRun:
+    """A run of the ``plan`` with the ``record`` instead of its plant."""
+    assert plan.plant is not None  # made with one, whose links the record takes over
+    live = LiveRun(replace(plan, plant=None), None)
+    link = plant_transport(plan.plant)
+    live.player = Player(record, link, ReadingPublisher(link, plan.network, plan.sensor, epoch=new_epoch()), live.clock)
+    return live
 
 
 @contextmanager
@@ -230,6 +254,7 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
         "acts": sum(status.acts for status in statuses),
         "missed": sum(status.missed for status in statuses),
         "step_us": float(np.mean([status.step_us for status in statuses])) if statuses else None,
+        "readings": None if live.player is None else live.player.count,
         "frames": live.monitor.received,
         "bytes": live.monitor.received_bytes,
         "cpu_per_node": _nodes_cpu(usage, plan) / len(plan.names) / lasted,

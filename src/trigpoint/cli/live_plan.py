@@ -16,18 +16,21 @@ from trigpoint.cli.simulating import scenario_of
 from trigpoint.errors import ArgumentError
 from trigpoint.io.sections import DesignSection, RunSection
 from trigpoint.observers import AssembledObserver, DiffusiveObserver
+from trigpoint.observers.aged import settling
 from trigpoint.observers.network import NetworkObserver
 from trigpoint.runtime.endpoints import require_safe
 from trigpoint.runtime.keys import find_identity, make_keys
 from trigpoint.runtime.plan import LivePlan, free_addresses, linked
 from trigpoint.runtime.plant import Instrument, Part, PlantSettings
 from trigpoint.runtime.settings import Identity, NodeSettings
+from trigpoint.runtime.topics import written
+from trigpoint.runtime.viewer import Viewer
 from trigpoint.simulation import Scenario
 from trigpoint.simulation.world import World, start_of, truth_of
 
 DEFAULT_RATE = 20.0
 _SECURED = ("tls", "quic")
-_WATCHER, _PLANT = "supervisor", "plant"
+_WATCHER, _PLANT, _VIEWER = "supervisor", "plant", "monitor"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +107,13 @@ def plan_of(design: Design, section: RunSection, places: Places) -> LivePlan:
     world = World.of(observer, scenario)
     truth = truth_of(world, scenario.initial_state)
     names = observer.names
-    plant, watcher = _free_name(_PLANT, names), _free_name(_WATCHER, names)
+    plant, watcher, viewer = (_free_name(wanted, names) for wanted in (_PLANT, _WATCHER, _VIEWER))
+    guests = {plant: "sensor", watcher: "supervisor", viewer: "monitor"}
     network = design.given.path.stem
-    identities = _identities(section, places.folder, names, {plant: "sensor", watcher: "supervisor"})
+    identities = _identities(section, places.folder, names, guests, viewer)
     addresses = free_addresses(section.transport, names, places.sockets, section.addresses)
-    watching = free_addresses(section.transport, [watcher], places.sockets / "watch")[watcher]
-    for name, address in (*addresses.items(), (watcher, watching)):
+    watching = free_addresses(section.transport, [watcher, viewer], places.sockets / "watch")
+    for name, address in (*addresses.items(), (watcher, watching[watcher])):
         require_safe(address, identities.get(name), allow_plain=places.allow_plain)
     starts, spread = _starts(observer, world, scenario, truth)
     deviations = _deviations(observer, design, scenario)
@@ -124,7 +128,7 @@ def plan_of(design: Design, section: RunSection, places: Places) -> LivePlan:
             deviations={label: deviations[label] for label in program.reads if label in deviations},
             models=_models(program.hears, observer, k),
             identity=identities.get(program.name),
-            guests={plant: "sensor", watcher: "supervisor"},
+            guests=guests,
         )
         for k, (program, start) in enumerate(zip(observer.nodes, starts, strict=True))
     ]
@@ -135,13 +139,14 @@ def plan_of(design: Design, section: RunSection, places: Places) -> LivePlan:
         *_plant_parts(world, scenario, truth, period),
         _shows(world, names),
         scenario.seed,
-        peers={**addresses, watcher: watching},
+        peers={**addresses, **watching},
         identity=identities.get(plant),
     )
     motions = {name: settings.parts[part].A for name, part in settings.shows}
+    outside = Viewer(network, viewer, watching[viewer], plant, motions, identities.get(viewer))
     return LivePlan(
-        network, linked(nodes, addresses), settings, places.folder, watcher, watching, identities.get(watcher),
-        section.agents_per_process, motions,
+        network, linked(nodes, addresses), settings, places.folder, watcher, watching[watcher], identities.get(watcher),
+        section.agents_per_process, motions, plant, outside,
     )  # fmt: skip
 
 
@@ -166,6 +171,10 @@ def _common(design: Design, section: RunSection, period: float) -> NodeSettings:
     static = all(not node.A.any() for node in observer.nodes)
     everywhere = static or design.choices.gain == "worst-case"
     stale = section.stale or max(0.25, 4.0 * period)
+    rate = max(0.0, float(observer.decay_rate))
+    # Messages that are a whole period old on average: half of it for the phases, half for the way.
+    known = section.old == "propagate" and not static
+    settle, overshoot = settling(observer, period, period, period, rate) if known else (0.0, 1.0)
     busiest = max(len(node.reads) + len(node.hears) for node in observer.nodes)
     return NodeSettings(
         design.given.path.stem,
@@ -179,7 +188,11 @@ def _common(design: Design, section: RunSection, period: float) -> NodeSettings:
         status_every=max(0.25, len(observer.nodes) / 400.0),
         ping_every=max(1.0, len(observer.nodes) / 100.0),
         rate_limit=max(1000.0, 10.0 * (busiest + 4) / period),
-        decay_rate=max(0.0, float(observer.decay_rate)),
+        decay_rate=rate,
+        settle_rate=settle,
+        overshoot=overshoot,
+        nodes=len(observer.nodes),
+        max_nodes=0 if static else design.choices.max_nodes or 0,
     )
 
 
@@ -263,13 +276,18 @@ def _free_name(wanted: str, names: Sequence[str]) -> str:
 
 
 def _identities(
-    section: RunSection, folder: Path, names: Sequence[str], guests: Mapping[str, str]
+    section: RunSection, folder: Path, names: Sequence[str], guests: Mapping[str, str], optional: str
 ) -> Mapping[str, Identity]:
-    """Certificates where the transport shows them: those of ``security``, else made for this run alone."""
+    """Certificates where the transport shows them: those of ``security``, else made for this run alone.
+
+    Without one for ``optional`` the run can only not be watched from outside.
+    """
     if section.transport not in _SECURED:
         if section.security is not None:
             raise ArgumentError(f"security belongs to the transports {' and '.join(_SECURED)}; got {section.transport}")
         return {}
     if section.security is None:
         return make_keys(folder / "keys", names, guests=guests, overwrite=True)
-    return {name: find_identity(Path(section.security), name) for name in (*names, *guests)}
+    keys = Path(section.security)
+    wanted = [*names, *(guest for guest in guests if guest != optional or (keys / f"{written(guest)}.pem").exists())]
+    return {name: find_identity(keys, name) for name in wanted}

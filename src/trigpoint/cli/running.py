@@ -1,4 +1,4 @@
-"""``trigpoint run`` and ``trigpoint node``: the network as real processes."""
+"""``trigpoint run``: the network as real processes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,25 +17,23 @@ from rich.table import Table
 from trigpoint.analysis import diagnose
 from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import changed, part_of, read_any
-from trigpoint.cli.live import LiveRun, facts_of, holds, log_of, seconds_of
+from trigpoint.cli.live import LiveRun, facts_of, holds, log_of, replayed, seconds_of
 from trigpoint.cli.live_plan import Design, Places, ignored_troubles, plan_of
+from trigpoint.cli.nodes import Plain, warn_of
+from trigpoint.cli.recorded import Record, record_of
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, guarded, notice
 from trigpoint.cli.watching import watched
 from trigpoint.errors import ArgumentError
 from trigpoint.io.sections import RunSection
 from trigpoint.methods import design
-from trigpoint.runtime.__main__ import run_nodes
-from trigpoint.runtime.endpoints import is_local, parse_address, require_safe
 from trigpoint.runtime.monitor import Snapshot
 from trigpoint.runtime.plan import LivePlan
-from trigpoint.runtime.settings import read_settings
 
 For = Annotated[str | None, typer.Option("--for", help="How long: 20s, 500ms, 2min; until Ctrl-C if absent.")]
 Rate = Annotated[float | None, typer.Option("--rate", help="Exchanges a second (Hz).")]
 Kind = Annotated[str | None, typer.Option("--transport", help="unixsock, tcp, udp, tls or quic.")]
 PerProcess = Annotated[int | None, typer.Option("--agents-per-process", help="Nodes that share a process (1).")]
 Prepare = Annotated[Path | None, typer.Option("--prepare", help="Write the settings to this folder and run nothing.")]
-Plain = Annotated[bool, typer.Option("--allow-plain", help="Allow plain text on addresses beyond this machine.")]
 
 
 @guarded
@@ -48,6 +45,10 @@ def run_command(
     agents_per_process: PerProcess = None,
     prepare: Prepare = None,
     allow_plain: Plain = False,
+    readings: Annotated[
+        Path | None, typer.Option("--readings", help="Recorded readings (.mcap, .csv) instead of a simulated plant.")
+    ] = None,
+    speed: Annotated[float, typer.Option("--speed", help="How much faster than recorded they come.")] = 1.0,
     watch: Annotated[bool, typer.Option("--watch", help="Show the run on a page for the browser.")] = False,
     port: Annotated[int, typer.Option("--port", help="Port of that page, on 127.0.0.1.")] = 8765,
     out: Out = None,
@@ -57,7 +58,12 @@ def run_command(
 
     Writes run.mcap beside the scenario, or with --out DIR there, together with settings, outputs and status.json.
     Ctrl-C ends it in order. Exit code 1: a node did not run, was not heard, or was not anchored, at the end.
+    With --readings it ends when the record does, or --for later.
     """
+    if readings is None and speed != 1.0:
+        raise ArgumentError("--speed belongs to --readings")
+    if readings is not None and prepare is not None:
+        raise ArgumentError("--prepare runs nothing; leave --readings out")
     seconds = None if duration is None else seconds_of(duration)
     given = read_any(file)
     section = changed_run(
@@ -79,7 +85,8 @@ def run_command(
         if prepare is not None:
             return _prepared(plan, as_json)
         log = (file.parent if out is None else out) / "run.mcap"
-        live = LiveRun(plan, None)
+        record = None if readings is None else _recorded(readings, speed, log, plan, designed)
+        live = LiveRun(plan, None) if record is None else replayed(record, plan)
         live.keep(log_of(plan, log))  # only now: where the links cannot be opened, no log is left behind
         with watched(live, port if watch else None), _shown(live, as_json) as show:
             last = live.follow(seconds, show)
@@ -95,39 +102,6 @@ def run_command(
     return HOLDS if holds(facts) and live.trouble is None else FAILS
 
 
-@guarded
-def node_command(
-    files: Annotated[list[Path], typer.Argument(help="Settings of nodes, written by run --prepare.")],
-    listen: Annotated[str | None, typer.Option("--listen", help="Listen on this address instead.")] = None,
-    peer: Annotated[list[str] | None, typer.Option("--peer", help="NAME=ADDRESS of a neighbour to connect to.")] = None,
-    allow_plain: Plain = False,
-) -> int:
-    """Run one node on its own host (or several in one process), until SIGTERM or Ctrl-C; SIGHUP reads the files again.
-
-    The node finds its neighbours at the addresses in its settings; --listen and --peer replace them.
-    """
-    peers = dict(_pair(text) for text in peer or [])
-    nodes = []
-    for file in files:
-        settings = read_settings(file)
-        strangers = sorted(set(peers) - set(settings.program.hears) - set(settings.peers))
-        if strangers:
-            raise ArgumentError(f"--peer names {strangers[0]!r}, no neighbour of {settings.name!r}")
-        if listen is not None and len(files) > 1:
-            raise ArgumentError("--listen is one address; give one file with it")
-        settings = replace(
-            settings, listen=settings.listen if listen is None else listen, peers={**settings.peers, **peers}
-        )  # fmt: skip
-        for address in (settings.listen, *settings.peers.values()):
-            if address:
-                require_safe(address, settings.identity, allow_plain=allow_plain)
-                _warn_of(address)
-        changed_here = listen is not None or bool(peers)
-        nodes.append((settings, None if changed_here else file))
-    run_nodes(nodes, tied=False)
-    return HOLDS
-
-
 def changed_run(section: RunSection, **options: object) -> RunSection:
     """The run section with the command line's own options, checked like a file's."""
     given = {key: value for key, value in options.items() if value is not None}
@@ -138,14 +112,6 @@ def changed_run(section: RunSection, **options: object) -> RunSection:
         option = "--" + str(first["loc"][0]).replace("_", "-")
         expected = first["msg"].removeprefix("Input should be ")
         raise ArgumentError(f"{option}: got {first['input']!r}, expected {expected}") from error
-
-
-def _pair(text: str) -> tuple[str, str]:
-    name, equals, address = text.rpartition("=")
-    if not equals or not name:
-        raise ArgumentError(f"--peer: got {text!r}, expected NAME=ADDRESS")
-    parse_address(address)
-    return name, address
 
 
 @contextmanager
@@ -174,6 +140,19 @@ def _prepared(plan: LivePlan, as_json: bool) -> int:
     return HOLDS
 
 
+def _recorded(path: Path, speed: float, log: Path, plan: LivePlan, designed: Design) -> Record:
+    """The readings, with a word on what does not fit them."""
+    if path.resolve() == log.resolve():
+        raise ArgumentError(f"the run would write its log over its readings, {path}; give another --out")
+    record = record_of(path, speed, plan)
+    if record.silent:
+        notice(f"{path} holds no readings of {len(record.silent)} arcs, which stay out: "
+               f"{', '.join(map(str, record.silent[:12]))}")  # fmt: skip
+    if speed != 1.0 and any(node.A.any() for node in designed.programs.nodes):
+        notice(f"the agents move as fast as ever, their readings {speed:g} times as fast: the estimates will be off")
+    return record
+
+
 def _say_what_is_ignored(designed: Design) -> None:
     keys = ignored_troubles(designed)
     if keys:
@@ -182,12 +161,7 @@ def _say_what_is_ignored(designed: Design) -> None:
 
 def _warn_of_plain_text(plan: LivePlan) -> None:
     for address in (plan.listen, *(node.listen for node in plan.nodes)):
-        _warn_of(address)
-
-
-def _warn_of(address: str) -> None:
-    if not is_local(address) and not parse_address(address).secured:
-        notice(f"warning: {address} is plain text that others in the network can read and forge")
+        warn_of(address)
 
 
 @contextmanager
@@ -224,6 +198,8 @@ def _summarize(facts: dict[str, Any], log: Path) -> None:
     measured, predicted = _number(facts["decay_rate_measured"]), _number(facts["decay_rate_predicted"])
     ages = f"messages {1e3 * facts['message_age']:.1f} ms old, readings {1e3 * facts['reading_age']:.1f} ms"
     table.add_row("decay rate", f"measured {measured} /s, predicted {predicted} /s with {ages}")
+    if facts["readings"] is not None:
+        table.add_row("recorded readings", str(facts["readings"]))
     table.add_row("anchored", f"{facts['anchored']} of {facts['nodes']} (guarantee covers {facts['covered']})")
     table.add_row("restarts", f"{facts['restarts']}" + (f"; dead: {', '.join(facts['dead'])}" if facts["dead"] else ""))
     table.add_row("missed deadlines", f"{facts['missed']} of {facts['acts'] + facts['missed']}")

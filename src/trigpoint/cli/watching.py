@@ -1,10 +1,10 @@
-"""``trigpoint watch``: a recorded run on the page; and the page of ``trigpoint run --watch``."""
+"""``trigpoint watch``: a run on the page, recorded or going on; and the page of ``trigpoint run --watch``."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -21,26 +21,34 @@ from trigpoint.graphs import EXTERNAL, MeasurementGraph
 from trigpoint.io import load
 from trigpoint.observers.local import LocalObserver
 from trigpoint.observers.run import Run
-from trigpoint.runtime import Log, Snapshot, read_log, run_of
+from trigpoint.runtime import Log, Monitor, NodeSettings, Snapshot, SystemClock, read_log, run_of
+from trigpoint.runtime.viewer import VIEWER_FILE, nodes_in, read_viewer, running, view_transport
 
 _OVER = "The run is over."
+_LOOK = 1.0  # seconds between two looks whether the run goes on
 _FAREWELL = 0.5  # seconds for the pages to hear that the run is over
 
 
 @guarded
 def watch(
-    file: Annotated[Path, typer.Argument(help="A run: .npz of simulate, run.mcap of run, or the folder it is in.")],
+    file: Annotated[Path, typer.Argument(help="A run: .npz of simulate, run.mcap, or the folder of run --out.")],
     network: Annotated[
         Path | None, typer.Argument(help="Its network: any file that simulate takes. A run.mcap names its own links.")
     ] = None,
     port: Annotated[int, typer.Option("--port", help="Port on 127.0.0.1.")] = 8765,
     as_json: Json = False,
 ) -> int:
-    """Replay a run in the browser, from this machine only. Ends with Ctrl-C. What goes on now: run --watch."""
-    app = live_app(feed_of(file, network))
-    if as_json:
-        emit({"address": page_url(app, port)})
-    serve(app, port)
+    """Show a run in the browser, from this machine only. Ends with Ctrl-C.
+
+    The folder of a run that goes on (run --out DIR) is followed live, by a guest that only hears; orders are for
+    run --watch. Everything else is replayed.
+    """
+    goes_on = file.is_dir() and network is None and running(file)
+    with attached(file) if goes_on else nullcontext(feed_of(file, network)) as feed:
+        app = live_app(feed)
+        if as_json:
+            emit({"address": page_url(app, port), "live": goes_on})
+        serve(app, port)
     return HOLDS
 
 
@@ -135,13 +143,48 @@ def anchored_by(programs: Sequence[LocalObserver]) -> list[str]:
 
 
 @contextmanager
+def attached(folder: Path) -> Iterator[LiveFeed]:
+    """The feed of the run that goes on in ``folder``, heard by a monitor of its own that only listens."""
+    viewer, nodes = read_viewer(folder / VIEWER_FILE), nodes_in(folder)
+    transport = view_transport(viewer, nodes)
+    programs = [node.program for node in nodes]
+    monitor = Monitor(transport, viewer.network, programs, SystemClock(), viewer.motions)
+    looked = 0.0
+
+    def snapshot() -> Snapshot:
+        nonlocal looked  # when the status was read
+        monitor.poll()
+        found = monitor.snapshot()
+        if found.time - looked >= _LOOK:
+            looked = found.time
+            if feed.ended is None and not running(folder):
+                feed.end(_OVER)
+        return found
+
+    feed = LiveFeed(snapshot, _live_scene(programs, nodes[0]), stale=_silent_after(nodes[0]))
+    try:
+        yield feed
+    finally:
+        transport.close()
+
+
+def _live_scene(programs: Sequence[LocalObserver], settings: NodeSettings) -> Scene:
+    names = [program.name for program in programs]
+    links = links_of(names, {program.name: program.hears for program in programs}, anchored_by(programs))
+    return Scene(links, settings.network, rate=settings.decay_rate or None)
+
+
+def _silent_after(settings: NodeSettings) -> float:
+    return max(2.0 * settings.stale, 5.0 * settings.period)
+
+
+@contextmanager
 def watched(live: LiveRun, port: int | None) -> Iterator[None]:
     """Show the run on the page at this ``port`` while the context lasts; without a port do nothing."""
     if port is None:
         yield
         return
     programs, settings = [node.program for node in live.plan.nodes], live.plan.nodes[0]
-    hears = {program.name: program.hears for program in programs}
     index = {name: k for k, name in enumerate(live.plan.names)}
     told = 0
 
@@ -155,10 +198,7 @@ def watched(live: LiveRun, port: int | None) -> Iterator[None]:
             feed.end(_OVER)
         return live.monitor.snapshot()
 
-    scene = Scene(
-        links_of(live.plan.names, hears, anchored_by(programs)), live.plan.network, rate=settings.decay_rate or None
-    )
-    feed = LiveFeed(snapshot, scene, live.supervisor, stale=max(2.0 * settings.stale, 5.0 * settings.period))
+    feed = LiveFeed(snapshot, _live_scene(programs, settings), live.supervisor, stale=_silent_after(settings))
     with serving(live_app(feed), port) as address:
         notice(f"Open {address}")
         try:

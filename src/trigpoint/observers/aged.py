@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,8 @@ from trigpoint.observers.local import LocalObserver
 
 _DENSE = 600
 _OLDEST = 64
+_LARGEST, _NORMS = 1500, 20_000_000
+_SMALLEST = 100.0  # beyond this exponent powers are rounding, then nothing
 
 
 def aged_error_map(observer: AssembledObserver, period: float, age: float, reading_age: float = 0.0) -> sp.csr_array:
@@ -120,3 +123,92 @@ def aged_decay_rate(observer: AssembledObserver, period: float, age: float, read
         except ArpackNoConvergence:
             return None
     return float(-np.log(max(radius, np.finfo(float).tiny)) / period)
+
+
+def settling(
+    observer: AssembledObserver, period: float, age: float, reading_age: float, most: float
+) -> tuple[float, float]:
+    """``(rate, K)`` of a curve ``K exp(-rate t)`` that errors stay below: ``min(most, 0.9 aged_decay_rate)``.
+
+    A tenth below the rate itself, since a bound that falls as fast as the slowest mode need not exist, and is far off
+    where it does.
+
+    Args:
+        observer, period, age, reading_age: as in ``aged_error_map``.
+        most: 1/s, what is guaranteed.
+
+    Returns (0, 1) where ``aged_overshoot`` finds no K: then nothing is known.
+    """
+    if (int(age / period) + 2) * sum(node.n_states for node in observer.nodes) > _LARGEST:
+        return 0.0, 1.0
+    aged = aged_decay_rate(observer, period, age, reading_age)
+    rate = 0.0 if aged is None else min(most, 0.9 * aged)
+    factor = aged_overshoot(observer, period, age, reading_age, rate) if rate > 0.0 else None
+    return (0.0, 1.0) if factor is None else (rate, factor)
+
+
+def aged_overshoot(
+    observer: AssembledObserver, period: float, age: float, reading_age: float, rate: float
+) -> float | None:
+    """Smallest K found with ``|e_i(k h)| / sqrt(n_i) <= K s exp(-rate k h)`` for every node i, step k, and start.
+
+    Every start whose errors have a root mean square of at most s a state: ``|e_j(0)| <= sqrt(n_j) s``. Let X_k be the
+    errors of step k as a function of those of step 0, by ``aged_error_map`` M, all messages known at the start being
+    the same errors moved back. Then ``K = max over k < m of exp(rate k h) max_i sum_j |X_k,ij| sqrt(n_j / n_i)``, in
+    spectral norms, where ``|M^m| <= exp(-rate (m + q) h)`` in the norm that goes with it and q the steps that M looks
+    back: X_m+j = M^m X_j is then below the same curve, and so on for ever.
+
+    Args:
+        observer, period, age, reading_age: as in ``aged_error_map``.
+        rate: 1/s, positive, less than ``aged_decay_rate``.
+
+    Returns None where no such m is found (the ``rate`` is too near to the network's, or that takes too long: beyond
+    1500 unknowns, or twenty million norms).
+
+    Cost: O(D^3 log m + m D nnz) for D unknowns.
+    """
+    matrix = aged_error_map(observer, period, age, reading_age)
+    sizes = [node.n_states for node in observer.nodes]
+    unknowns = sum(sizes)
+    back = matrix.shape[0] // unknowns - 1
+    if matrix.shape[0] > _LARGEST or not rate > 0.0:
+        return None
+    power, steps = matrix.toarray(), 1
+    while _reach(power, sizes * (back + 1)) > np.exp(-rate * (steps + back) * period):
+        steps *= 2
+        if steps * len(sizes) ** 2 > _NORMS or rate * (steps + back) * period > _SMALLEST:
+            return None
+        power = power @ power
+    free = diagonal_of(expm(-period * node.A) for node in observer.nodes)
+    starts = [np.eye(unknowns)]
+    for _ in range(back):
+        starts.append(free @ starts[-1])
+    largest = max(_reach(start, sizes) * np.exp(-rate * k * period) for k, start in enumerate(starts))
+    now = np.concatenate(starts)
+    for k in range(1, steps):
+        now = matrix @ now
+        largest = max(largest, _reach(now[:unknowns], sizes) * np.exp(rate * k * period))
+    return float(largest)
+
+
+def _reach(matrix: FloatArray, sizes: Sequence[int]) -> float:
+    """``max_i sum_j |M_ij| sqrt(n_j / n_i)``, spectral norms of the blocks of these ``sizes``."""
+    count, largest = len(sizes), max(sizes)
+    places = np.concatenate([k * largest + np.arange(size) for k, size in enumerate(sizes)])
+    padded = np.zeros((count * largest, count * largest))
+    padded[np.ix_(places, places)] = matrix
+    blocks = padded.reshape(count, largest, count, largest).swapaxes(1, 2)
+    weights = np.sqrt(np.asarray(sizes, dtype=np.float64))
+    return float(((_norms(blocks) @ weights) / weights).max())
+
+
+def _norms(blocks: FloatArray) -> FloatArray:
+    """Spectral norm of each block; for small ones from ``sigma^2 = (F + sqrt(F^2 - 4 det^2)) / 2``, F the squares."""
+    size = blocks.shape[-1]
+    if size > 2:
+        return np.asarray(np.linalg.norm(blocks, 2, axis=(2, 3)))
+    squares = np.einsum("ijkl,ijkl->ij", blocks, blocks)
+    if size == 1:
+        return np.asarray(np.sqrt(squares))
+    det = blocks[..., 0, 0] * blocks[..., 1, 1] - blocks[..., 0, 1] * blocks[..., 1, 0]
+    return np.asarray(np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4.0 * det**2, 0.0)))))

@@ -19,6 +19,7 @@ from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
 from trigpoint.runtime.memory import MemoryNetwork
 from trigpoint.runtime.monitor import Controls, Monitor, Snapshot
+from trigpoint.runtime.newcomer import Newcomer, join
 from trigpoint.runtime.plan import TRANSPORTS, LivePlan, free_addresses, linked
 from trigpoint.runtime.plant import Instrument, Part, PlantSettings, SimulatedPlant
 from trigpoint.runtime.plants import LinearPlant, Plant
@@ -70,6 +71,7 @@ __all__ = [
     "MemoryNetwork",
     "Monitor",
     "Mute",
+    "Newcomer",
     "NodeMachine",
     "NodeSettings",
     "NodeStatus",
@@ -98,6 +100,7 @@ __all__ = [
     "free_addresses",
     "guest_rules",
     "is_local",
+    "join",
     "linked",
     "make_keys",
     "node_rules",

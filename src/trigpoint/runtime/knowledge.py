@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+
+_LARGEST_EXPONENT = 200.0
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ def averaged(uncertainty: float, pulls: Iterable[Pull], duration: float) -> floa
     negative and sum to one; so by Minkowski's inequality its root mean square, and its length, is at most the same
     mean of theirs. By induction over all steps of all nodes ``|e_i| <= s_i`` holds for ever if it holds at the start
     and the readings' errors stay within their deviations; the same with root mean squares, whatever the correlations.
-    For agents that move it is a figure to compare nodes by.
+    For others see ``cautious``.
     """
     total, pulled = 0.0, 0.0
     for pull in pulls:
@@ -116,3 +118,21 @@ def averaged(uncertainty: float, pulls: Iterable[Pull], duration: float) -> floa
         return uncertainty
     kept = math.exp(-total * duration)
     return kept * uncertainty + (1.0 - kept) / total * pulled
+
+
+def cautious(uncertainty: float, pulls: Sequence[Pull], duration: float, *, rate: float, growth: float) -> float:
+    """The uncertainty of what moves, after one step: ``max(averaged, e^{-rate h} s)``; alone, ``e^{growth h} s``.
+
+    Outputs show a part of such a state only, so that the arcs pull less than ``d_k`` says; the figure falls no faster
+    than the whole network does.
+
+    Args:
+        uncertainty: s before the step.
+        pulls: the arcs in use; where there is none the error moves freely.
+        duration: h [s].
+        rate: what the network's errors fall by, 1/s; 0 while nobody knows.
+        growth: ``free_growth`` of the node's dynamics, 1/s.
+    """
+    if not pulls:
+        return uncertainty * math.exp(min(growth * duration, _LARGEST_EXPONENT))
+    return max(averaged(uncertainty, pulls, duration), uncertainty * math.exp(-rate * duration))

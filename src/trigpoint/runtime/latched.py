@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from trigpoint.arrays import FloatArray, propagate
 from trigpoint.observers.local import LocalArc, LocalObserver, LocalState, Message
 from trigpoint.runtime.knowledge import Hearsay, Pull
@@ -86,7 +88,7 @@ def latched(
         if arc.label is not None:
             reading = readings[arc.label]
             taken[arc.label] = _then(settings, arc, reading, state, inbox, back)
-            doubt += settings.deviations.get(arc.label, 0.0)
+            doubt += settings.overshoot * settings.deviations.get(arc.label, 0.0)
             if not others:
                 own = max(own, min(reading.time, state.time))
         pulls.append(Pull(rate, doubt))
@@ -143,3 +145,36 @@ def _model(settings: NodeSettings, name: str) -> FloatArray:
 def pull_rates(program: LocalObserver) -> tuple[float, ...]:
     """``trace(gain C) / p`` [1/s] of every arc of the ``program``: how fast it pulls."""
     return tuple(float((arc.gain * arc.output.T).sum()) / int(arc.gain.shape[1]) for arc in program.arcs)
+
+
+def is_mean(settings: NodeSettings) -> bool:
+    """Whether a step with these ``settings`` takes a mean of vectors, so that ``knowledge.averaged`` is a bound.
+
+    So it is for constants, outputs C = I at both ends, gains that are multiples of I, the exchange ``held``.
+    """
+    program = settings.program
+    whole = np.eye(program.n_states)
+    still = not program.A.any() and not any(A.any() for A in settings.models.values())
+    return (
+        still
+        and program.exchange == "held"
+        and program.acceleration is None
+        and all(
+            np.array_equal(arc.output, whole)
+            and len(arc.heard) <= 1
+            and all(np.array_equal(rows, whole) for _, rows in arc.heard)
+            and arc.gain[0, 0] >= 0.0
+            and np.array_equal(arc.gain, arc.gain[0, 0] * whole)
+            for arc in program.arcs
+        )
+    )
+
+
+def free_growth(program: LocalObserver) -> float:
+    """Largest eigenvalue of ``(A + A') / 2`` [1/s] of the ``program``: an error e' = A e grows by no more, nor below 0.
+
+    Maps from one exchange to the next (``discrete``) do not move between; theirs is 0.
+    """
+    if program.exchange == "discrete":
+        return 0.0
+    return max(0.0, float(np.linalg.eigvalsh(0.5 * (program.A + program.A.T))[-1]))

@@ -15,8 +15,8 @@ from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.observers.local import LocalState
 from trigpoint.runtime.codec import Frame, Kind, decode_frame, encode_frame
 from trigpoint.runtime.gate import LARGEST_VALUE, REASONS, Counters, Route, Source
-from trigpoint.runtime.knowledge import Knowledge, averaged, learn
-from trigpoint.runtime.latched import NOTHING, Latched, Reading, latched, pull_rates
+from trigpoint.runtime.knowledge import Knowledge, averaged, cautious, learn
+from trigpoint.runtime.latched import NOTHING, Latched, Reading, free_growth, is_mean, latched, pull_rates
 from trigpoint.runtime.links import Heard, Link, State
 from trigpoint.runtime.routes import longest_of, neighbours, routes_of
 from trigpoint.runtime.settings import NodeSettings
@@ -58,7 +58,7 @@ class NodeMachine:
     def __init__(self, settings: NodeSettings, *, epoch: int, now: float) -> None:
         self._settings, self._epoch = settings, epoch
         self._state = settings.program.init(settings.start, now)
-        self._known = Knowledge(uncertainty=settings.start_uncertainty)
+        self._known = Knowledge(uncertainty=settings.first_uncertainty)
         self._latched: Latched = NOTHING
         self._links: dict[str, Link] = {}
         self._readings: dict[int, Reading] = {}
@@ -100,6 +100,13 @@ class NodeMachine:
         return self._known.anchored(self._now, self._settings.anchor_timeout)
 
     @property
+    def covered(self) -> bool:
+        """Whether it is anchored, and the gain's guarantee covers the arcs at work."""
+        settings = self._settings
+        whole = settings.coverage == "every" or self._known.whole(self._now, settings.anchor_timeout)
+        return self.anchored and whole
+
+    @property
     def counters(self) -> Counters:
         """Frames accepted and dropped so far."""
         counts = dict(self._counts)
@@ -109,8 +116,7 @@ class NodeMachine:
     def status(self) -> NodeStatus:
         """All that the node says of itself, as of its last act."""
         settings, state, known = self._settings, self._state, self._known
-        timeout, now = settings.anchor_timeout, self._now
-        anchored = self.anchored
+        now, anchored = self._now, self.anchored
         links = tuple(self._link_status(self._links[name]) for name in settings.program.hears)
         offset = max((abs(link.offset) for link in self._links.values() if link.offset is not None), default=0.0)
         drift = settings.program.A @ state.estimate
@@ -118,7 +124,7 @@ class NodeMachine:
             name=settings.name,
             time=now,
             anchored=anchored,
-            covered=anchored and (settings.coverage == "every" or known.whole(now, timeout)),
+            covered=self.covered,
             paused=self._paused,
             hops=int(min(known.hops, 2.0**53)) if anchored and known.hops >= 0.0 else None,
             uncertainty=known.uncertainty,
@@ -234,6 +240,7 @@ class NodeMachine:
         require_frames(settings.program)
         self._settings = settings
         self._rates = pull_rates(settings.program)
+        self._growth = None if is_mean(settings) else free_growth(settings.program)
         self._links = {name: self._links.get(name) or Link(name) for name in neighbours(settings)}
         known = self._sources
         self._sources = {}
@@ -272,17 +279,27 @@ class NodeMachine:
             estimate = state.estimate
             if duration > held:
                 estimate = settings.program.moved(estimate, duration - held, settings.input)
-        self._known = replace(self._known, uncertainty=averaged(self._known.uncertainty, use.pulls, held))
+        self._known = replace(self._known, uncertainty=self._uncertain(use, held, duration - held))
         self._state = LocalState(moment, state.sequence, estimate)
         if not all(abs(value) <= LARGEST_VALUE for value in estimate.tolist()):
             self._begin_anew(moment)
+
+    def _uncertain(self, use: Latched, held: float, free: float) -> float:
+        """The uncertainty after a step of ``held`` seconds with what was latched, and ``free`` seconds without."""
+        figure, growth = self._known.uncertainty, self._growth
+        if growth is None:
+            return averaged(figure, use.pulls, held)
+        rate = self._settings.settle_rate if self.covered else 0.0
+        figure = cautious(figure, use.pulls, held, rate=rate, growth=growth)
+        figure = cautious(figure, (), free, rate=rate, growth=growth)
+        return min(figure, LARGEST_VALUE)
 
     def _begin_anew(self, moment: float) -> None:
         """The estimate has run out of range: back to the start, rather than spread it or stop."""
         settings = self._settings
         first = settings.program.init(settings.start, moment)
         self._state = LocalState(moment, self._state.sequence, first.estimate)
-        self._known = replace(self._known, uncertainty=settings.start_uncertainty)
+        self._known = replace(self._known, uncertainty=settings.first_uncertainty)
         self._resets += 1
 
     def _fresh_estimates(self, now: float) -> dict[str, Heard]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +17,7 @@ from trigpoint.runtime.clock import Clock
 from trigpoint.runtime.codec import LARGEST_FRAME, Frame, Kind, decode_frame
 from trigpoint.runtime.gate import Bucket
 from trigpoint.runtime.routes import reading_sizes
-from trigpoint.runtime.status import NodeStatus, node_status
+from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, NodeStatus, node_status
 from trigpoint.runtime.topics import everything, node_key, reading_key, truth_key
 from trigpoint.runtime.transport import Transport
 
@@ -237,7 +237,8 @@ class Monitor:
         if frame.kind is Kind.READING:
             self._readings[int(frame.fact("label"))] = frame.values
         elif frame.kind is Kind.STATUS:
-            status = node_status(frame, self._programs[frame.sender].hears)
+            hears = self._programs[frame.sender].hears
+            status = node_status(_without_newcomers(frame, len(hears)), hears)
             if _newer(frame, arrived, self._said):
                 self._statuses[frame.sender] = status
         elif frame.kind is Kind.TRUTH:
@@ -290,3 +291,12 @@ def _newer(frame: Frame, arrived: float, known: dict[str, tuple[Frame, float]]) 
         return False
     known[frame.sender] = frame, arrived
     return True
+
+
+def _without_newcomers(status: Frame, count: int) -> Frame:
+    """The ``status`` with its first ``count`` links: who joined a node since the monitor was made comes after them."""
+    fixed, each = len(STATUS_FIELDS), len(LINK_FIELDS)
+    further = status.values.shape[0] - fixed - count * each
+    if further <= 0 or further % each:
+        return status
+    return replace(status, values=status.values[:-further])

@@ -13,6 +13,7 @@ from trigpoint.errors import ArgumentError
 from trigpoint.runtime.plant import PlantSettings, write_plant
 from trigpoint.runtime.settings import Identity, NodeSettings, write_settings
 from trigpoint.runtime.status import require_frames
+from trigpoint.runtime.viewer import VIEWER_FILE, Viewer, write_viewer
 
 TransportKind = Literal["unixsock", "tcp", "udp", "tls", "quic"]
 TRANSPORTS: tuple[TransportKind, ...] = ("unixsock", "tcp", "udp", "tls", "quic")
@@ -33,6 +34,8 @@ class LivePlan:
         identity: the monitor's certificates, or None.
         agents_per_process: how many nodes share a process.
         motions: by node, the dynamics of what it estimates (for the monitor only).
+        sensor: name of the guest of every node that publishes the readings, where there is no plant.
+        viewer: who may watch the run from outside, or None.
     """
 
     network: str
@@ -44,6 +47,8 @@ class LivePlan:
     identity: Identity | None
     agents_per_process: int
     motions: Mapping[str, FloatArray]
+    sensor: str = ""
+    viewer: Viewer | None = None
 
     def __post_init__(self) -> None:
         """Refuse an empty plan, impossible groups, and nodes that no frame can speak for."""
@@ -81,6 +86,8 @@ class LivePlan:
             write_settings(node, self.settings_file(index))
         if self.plant is not None:
             write_plant(self.plant, self.plant_file)
+        if self.viewer is not None:
+            write_viewer(self.viewer, self.folder / VIEWER_FILE)
 
 
 def free_addresses(

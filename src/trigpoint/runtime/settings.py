@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -59,6 +59,10 @@ class NodeSettings:
         identity: certificates for TLS and QUIC; None for plain links.
         guests: further names that may connect and what for: ``sensor``, ``monitor``, ``supervisor``.
         decay_rate: the design's rate for this gain, 1/s, to tell people; 0 where none is guaranteed.
+        settle_rate: 1/s, what the uncertainty of an estimate of something that moves falls by at most; 0: never.
+        overshoot: factor, at least 1, by which such an estimate's error may exceed its first one on the way.
+        nodes: how many nodes the network had when these settings were written; 0 where nobody said.
+        max_nodes: how many the gain serves; 0 for any number.
     """
 
     network: str
@@ -83,6 +87,10 @@ class NodeSettings:
     identity: Identity | None = None
     guests: Mapping[str, str] = field(default_factory=dict)
     decay_rate: float = 0.0
+    settle_rate: float = 0.0
+    overshoot: float = 1.0
+    nodes: int = 0
+    max_nodes: int = 0
 
     def __post_init__(self) -> None:
         """Check every number once."""
@@ -92,10 +100,14 @@ class NodeSettings:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
                 raise ArgumentError(f"{name} of a node must be a positive number; got {value}")
-        for name in ("start_uncertainty", "decay_rate"):
+        for name, least in (("start_uncertainty", 0.0), ("decay_rate", 0.0), ("settle_rate", 0.0), ("overshoot", 1.0)):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ArgumentError(f"{name} of a node must be a number of at least 0; got {value}")
+            if not (np.isfinite(value) and value >= least):
+                raise ArgumentError(f"{name} of a node must be a number of at least {least:g}; got {value}")
+        for name in ("nodes", "max_nodes"):
+            number = getattr(self, name)
+            if type(number) is not int or number < 0:
+                raise ArgumentError(f"{name} of a node must be a whole number of at least 0; got {number!r}")
         for name, choices in (("old", get_args(OldPolicy)), ("coverage", get_args(Coverage))):
             if getattr(self, name) not in choices:
                 raise ArgumentError(f"{name} must be {' or '.join(choices)}; got {getattr(self, name)!r}")
@@ -112,6 +124,11 @@ class NodeSettings:
     def name(self) -> str:
         """The node's name."""
         return self.program.name
+
+    @property
+    def first_uncertainty(self) -> float:
+        """What a node that has just started says: ``start_uncertainty``, and what may come of it on the way."""
+        return self.overshoot * self.start_uncertainty
 
     def to_document(self) -> dict[str, Any]:
         """The settings as a JSON object."""
@@ -140,6 +157,10 @@ class NodeSettings:
             "identity": None if self.identity is None else vars(self.identity),
             "guests": dict(self.guests),
             "decay_rate": self.decay_rate,
+            "settle_rate": self.settle_rate,
+            "overshoot": self.overshoot,
+            "nodes": self.nodes,
+            "max_nodes": self.max_nodes,
         }
 
     @staticmethod
@@ -176,13 +197,30 @@ class NodeSettings:
 
 _NUMBERS = (
     "start_uncertainty", "stale", "window", "anchor_timeout", "rate_limit", "status_every", "ping_every", "decay_rate",
+    "settle_rate", "overshoot",
 )  # fmt: skip
 
 
 def write_settings(settings: NodeSettings, path: Path) -> None:
-    """Write all that one live node needs (``settings``) to ``path``, readable by its owner only."""
-    path.touch(mode=0o600)
-    path.write_text(json.dumps(settings.to_document(), indent=1), encoding="utf-8")
+    """Write all that one live node needs (``settings``) to ``path``, for its owner only, whole or not at all."""
+    write_all([(settings, path)])
+
+
+def write_all(pairs: Sequence[tuple[NodeSettings, Path]]) -> None:
+    """Write the settings of each of the ``pairs`` to its path: no file is replaced before all have been written."""
+    fresh = []
+    try:
+        for settings, path in pairs:
+            half = path.with_name(path.name + ".part")
+            fresh.append((half, path))
+            half.unlink(missing_ok=True)
+            half.touch(mode=0o600)
+            half.write_text(json.dumps(settings.to_document(), indent=1), encoding="utf-8")
+        for half, path in fresh:
+            half.replace(path)
+    finally:
+        for half, _ in fresh:
+            half.unlink(missing_ok=True)
 
 
 def read_settings(path: Path) -> NodeSettings:

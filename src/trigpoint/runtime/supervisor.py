@@ -330,7 +330,8 @@ class Supervisor:
             }
             for name, child in self._group.items()
         }
-        document = {"supervisor": os.getpid(), "plant": self.plant_pid, "nodes": nodes}
+        over = self._lost is not None
+        document = {"supervisor": os.getpid(), "over": over, "plant": self.plant_pid, "nodes": nodes}
         fresh = self.status_file.with_suffix(".new")
         try:
             fresh.write_text(json.dumps(document, indent=1), encoding="utf-8")

@@ -1,0 +1,141 @@
+"""A monitor that joins a run from outside: by the folder's files, hearing all and saying nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.runtime.living import CHAIN, GRID, anchored, everybody_heard, living, planned, status_of, until
+from trigpoint.cli.watching import attached
+from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
+from trigpoint.runtime import Identity
+from trigpoint.runtime.viewer import (
+    VIEWER_FILE,
+    Viewer,
+    nodes_in,
+    read_viewer,
+    running,
+    view_transport,
+    write_viewer,
+)
+
+VIEWER = Viewer("net", "monitor", "tcp/127.0.0.1:7000", "plant", {"a": np.eye(2)}, Identity("a", "b", "c"))
+
+
+@pytest.mark.parametrize("kind", ["unixsock", pytest.param("tls", marks=pytest.mark.slow)])
+def test_what_a_run_shows_from_outside(tmp_path, kind):
+    """Estimates, statuses and the truth, over links of its own; two at once, of which one has the truth."""
+    with living(CHAIN, tmp_path, transport=kind) as live:
+        folder = live.plan.folder
+        until(live, lambda: everybody_heard(live) and anchored(live) == 3)
+        assert (status_of(live)["over"], running(folder)) == (False, True)
+        with attached(folder) as feed, attached(folder) as second:
+            sources = [one._source for one in (feed, second)]
+            until(live, lambda: all(np.isfinite(source().age).all() for source in sources))
+            until(live, lambda: np.isfinite(sources[0]().error).all() and None not in sources[0]().status)
+            snapshot = sources[0]()
+            feed.absorb(snapshot)
+            assert snapshot.names == ("0", "1", "2")
+            assert [status.anchored for status in snapshot.status] == [True] * 3
+            assert np.isnan(sources[1]().error).all()
+            assert feed.controls is None
+            assert feed.topology()["arcs"] == [[0, 1], [1, 2]]
+            until(live, lambda: sources[0]().error.max() < 1e-2)
+            assert live.monitor.malformed == 0
+            dropped = [status.counters.dropped for status in live.monitor.snapshot().status]
+            assert dropped == [0, 0, 0]  # it has said nothing
+            live.close()
+            assert status_of(live)["over"] is True
+            assert not running(folder)
+            until_ended(feed, sources[0])
+
+
+def until_ended(feed, source) -> None:
+    for _ in range(6000):
+        source()
+        if feed.ended is not None:
+            assert feed.ended == "The run is over."
+            return
+        time.sleep(0.01)
+    raise AssertionError("the feed never said that the run is over")
+
+
+def status(folder, **changes):
+    document = {"supervisor": os.getpid(), "over": False, "plant": None, "nodes": {}, **changes}
+    (folder / "status.json").write_text(json.dumps(document), encoding="utf-8")
+
+
+def test_whether_a_run_goes_on(tmp_path):
+    assert not running(tmp_path)
+    status(tmp_path)
+    assert running(tmp_path)
+    status(tmp_path, over=True)
+    assert not running(tmp_path)
+    child = subprocess.Popen([sys.executable, "-c", "pass"])
+    child.wait()
+    status(tmp_path, supervisor=child.pid)  # killed: it could not say so
+    assert not running(tmp_path)
+    status(tmp_path)
+    os.utime(tmp_path / "status.json", (1e9, 1e9))  # another process that has the number now
+    assert not running(tmp_path)
+    for text in ("{", "[]", "{}", '{"over": false, "supervisor": "x"}'):
+        (tmp_path / "status.json").write_text(text, encoding="utf-8")
+        with pytest.raises(FileFormatError, match="no status of a run"):
+            running(tmp_path)
+
+
+def test_without_psutil_it_says_what_to_install(tmp_path, monkeypatch):
+    status(tmp_path)
+    monkeypatch.setitem(sys.modules, "psutil", None)
+    with pytest.raises(Exception, match="psutil"):
+        running(tmp_path)
+
+
+def test_the_file_of_a_viewer(tmp_path):
+    path = tmp_path / "viewer.json"
+    write_viewer(VIEWER, path)
+    assert path.stat().st_mode & 0o777 == 0o600
+    found = read_viewer(path)
+    assert replace(found, motions={}).to_document() == replace(VIEWER, motions={}).to_document()
+    np.testing.assert_array_equal(found.motions["a"], np.eye(2))
+    document = VIEWER.to_document()
+    changes = ({"version": 9}, {"listen": 3}, {"motions": 3}, {"identity": {"key": "a"}})
+    lacking = {key: value for key, value in document.items() if key != "sensor"}
+    for spoiled in ({}, lacking, *({**document, **change} for change in changes)):
+        with pytest.raises(ProtocolError, match="viewer"):
+            Viewer.from_document(spoiled)
+    path.write_text("{", encoding="utf-8")
+    with pytest.raises(FileFormatError, match="tells no viewer"):
+        read_viewer(path)
+
+
+def test_the_plan_names_it_to_everybody(tmp_path):
+    with planned(GRID, tmp_path) as (_, plan):
+        plan.folder.mkdir()
+        plan.write()
+        viewer = read_viewer(plan.folder / VIEWER_FILE)
+        assert all(node.guests[viewer.name] == "monitor" for node in nodes_in(plan.folder))
+        assert plan.plant.peers[viewer.name] == viewer.listen
+        assert [node.name for node in nodes_in(plan.folder)] == list(plan.names)
+        assert set(viewer.motions) == set(plan.names)
+    with pytest.raises(FileFormatError, match="run with --out writes them"):
+        nodes_in(tmp_path)
+
+
+def test_links_with_certificates_need_one(tmp_path):
+    with planned(CHAIN, tmp_path, transport="tls") as (_, plan):
+        assert plan.viewer.identity is not None
+        with pytest.raises(ArgumentError, match="need a certificate for 'monitor'"):
+            view_transport(replace(plan.viewer, identity=None), plan.nodes)
+    keys = tmp_path / "out" / "keys"
+    for file in keys.glob("monitor.*"):
+        file.unlink()
+    with planned(CHAIN, tmp_path, transport="tls", security=str(keys)) as (_, plan):
+        assert plan.viewer.identity is None  # the run goes without
