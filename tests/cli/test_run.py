@@ -68,7 +68,7 @@ def test_other_durations_are_refused(text, scenario):
 
 
 def test_a_run_from_start_to_summary(scenario, tmp_path):
-    """Ends by SIGINT in order: the log is whole, the object on standard output complete, nobody is left."""
+    """Ends in order when its terminal closes (SIGHUP): the log is whole, the object on standard output complete, nobody is left."""
     process = running("run", scenario, "--json", "--out", tmp_path / "out", "--agents-per-process", 2)
     status = tmp_path / "out" / "status.json"
     limit = time.monotonic() + 60.0
@@ -78,7 +78,7 @@ def test_a_run_from_start_to_summary(scenario, tmp_path):
         time.sleep(0.05)
     pids = [one["pid"] for one in json.loads(status.read_text(encoding="utf-8"))["nodes"].values()]
     time.sleep(9.0)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGHUP)
     output, errors = process.communicate(timeout=30)
     facts = json.loads(output)
     assert (process.returncode, errors) == (0, "")
@@ -129,14 +129,15 @@ def test_nothing_runs_where_no_observer_exists(tmp_path):
     assert json.loads(result.stdout)["nodes"] is None
 
 
-def test_settings_for_other_hosts(scenario, tmp_path):
+@pytest.mark.parametrize("transport", ["tcp", "unixsock"])
+def test_settings_for_later(scenario, tmp_path, transport):
     """--prepare writes one file a node and runs nothing; trigpoint node takes one, SIGTERM ends it."""
-    result = trigpoint("run", scenario, "--prepare", tmp_path / "files", "--transport", "tcp", "--json")
+    result = trigpoint("run", scenario, "--prepare", tmp_path / "files", "--transport", transport, "--json")
     assert result.exit_code == 0, result.stderr
     files = json.loads(result.stdout)
     assert set(files["nodes"]) == {"0", "1", "2"}
     assert not (tmp_path / "run.mcap").exists()
-    listing = trigpoint("run", scenario, "--prepare", tmp_path / "files", "--transport", "tcp").stdout
+    listing = trigpoint("run", scenario, "--prepare", tmp_path / "files", "--transport", transport).stdout
     assert "1: trigpoint node" in listing
     process = running("node", files["nodes"]["1"])
     until_it_listens(process, read_settings(Path(files["nodes"]["1"])).listen)

@@ -61,6 +61,8 @@ def test_settings_name_the_neighbours_only() -> None:
         ({"coverage": "some"}, "coverage must be"),
         ({"input": np.zeros(3)}, "input of a node must fit its B"),
         ({"deviations": {1: np.nan}}, "deviations must be numbers"),
+        ({"models": {"1": np.eye(3)}}, r"models of '1': got shape \(3, 3\), expected \(2, 2\)"),
+        ({"drives": {"1": np.eye(2)}}, r"drives of '1': got shape \(2, 2\), expected \(2,\)"),
     ],
 )
 def test_bad_settings_are_refused(changes, message) -> None:

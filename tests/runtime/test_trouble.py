@@ -185,6 +185,22 @@ def test_a_missing_arc_anywhere_ends_the_cover_of_a_gain_for_the_whole_network_o
     assert said[times > 9.6].all()
 
 
+def test_news_of_a_missing_arc_counts_however_old_it_is_when_it_comes() -> None:
+    """It takes longer than ``anchor_timeout`` from the far end of the chain; both ends have an anchor."""
+    one = case(STATIC, tp.graphs.chain(40, anchors=[0, 39]))
+    far = next(arc.label for arc in one.programs[39].arcs if not arc.heard)
+    found = {}
+
+    def watch(now, machines) -> None:
+        found[round(now, 6)] = machines[one.names[0]].anchored, machines[one.names[0]].status.covered
+
+    times = np.arange(0.0, 8.0, 0.5)
+    settings = one.settings(anchor_timeout=0.6, coverage="nominal")
+    run_virtual(settings, one.plant(), times, one.network(), Trouble(mutes=[Mute(far, 4.0)]), watch)
+    assert found[3.5] == (True, True)
+    assert {found[time] for time in (6.0, 6.5, 7.0, 7.5)} == {(True, False)}
+
+
 def test_clocks_that_differ_are_measured_and_cause_the_floor_that_is_predicted() -> None:
     one = grid()
     ahead = 0.03

@@ -134,8 +134,8 @@ class LiveRun:
         second or so.
         """
         with ended_by_signals() as ended:
-            self.supervisor.start()
             try:
+                self.supervisor.start()
                 limit = None if duration is None or self.player is not None else self.clock.now() + duration
                 shown = 0.0
                 while not ended.is_set() and (limit is None or self.clock.now() < limit):
@@ -193,8 +193,12 @@ class LiveRun:
         while self._told < len(events):
             moment, node, text = events[self._told]
             self._told += 1
-            if self.log is not None and self.trouble is None:
+            if self.log is None or self.trouble is not None:
+                continue
+            try:
                 self.log.event(text, node, time=moment)
+            except FileFormatError as error:
+                self.trouble = str(error)
 
 
 def replayed(record: Record, plan: LivePlan) -> LiveRun:
@@ -208,13 +212,13 @@ def replayed(record: Record, plan: LivePlan) -> LiveRun:
 
 @contextmanager
 def ended_by_signals() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set while the block runs, instead of ending the program."""
+    """An event that SIGINT, SIGTERM and SIGHUP (a terminal that closes) set, instead of ending the program."""
     ended = threading.Event()
 
     def end(_: int, __: FrameType | None) -> None:
         ended.set()
 
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         yield ended
     finally:

@@ -79,7 +79,7 @@ def run_command(
         return FAILS
     designed = Design(given, part, choices, design(part.problem, method_of(choices, part.problem)))
     _say_what_is_ignored(designed)
-    with _places(out if prepare is None else prepare, allow_plain) as places:
+    with _places(out if prepare is None else prepare, allow_plain, kept=prepare is not None) as places:
         plan = plan_of(designed, section, places)
         _warn_of_plain_text(plan)
         if prepare is not None:
@@ -115,8 +115,11 @@ def changed_run(section: RunSection, **options: object) -> RunSection:
 
 
 @contextmanager
-def _places(out: Path | None, allow_plain: bool) -> Iterator[Places]:
-    """The run's folders; socket files lie in a short temporary one, since their paths may not be long."""
+def _places(out: Path | None, allow_plain: bool, *, kept: bool) -> Iterator[Places]:
+    """The run's folders; socket files lie in a short temporary one, since their paths may not be long.
+
+    That one is ``kept`` where nodes are to be started later.
+    """
     sockets = Path(tempfile.mkdtemp(prefix="trigpoint-"))
     try:
         folder = sockets / "run" if out is None else out
@@ -124,7 +127,8 @@ def _places(out: Path | None, allow_plain: bool) -> Iterator[Places]:
         (sockets / "watch").mkdir()
         yield Places(folder.absolute(), sockets, allow_plain)
     finally:
-        shutil.rmtree(sockets, ignore_errors=True)
+        if not kept:
+            shutil.rmtree(sockets, ignore_errors=True)
 
 
 def _prepared(plan: LivePlan, as_json: bool) -> int:
@@ -180,7 +184,8 @@ def _line(snapshot: Snapshot, live: LiveRun) -> str:
     known = "error of some nodes not known" if error != error else f"error {error:.4g}"
     missed = sum(status.missed for status in statuses)
     dead = len(live.supervisor.dead)
-    anchored = sum(status.anchored for status in statuses)
+    alive = [status for status, age in zip(snapshot.status, snapshot.age, strict=True) if age < 1.0]
+    anchored = sum(status is not None and status.anchored for status in alive)
     return (
         f"{snapshot.time:7.1f} s   {known}   anchored {anchored} of {len(snapshot.names)}   "
         f"dead {dead}   restarts {live.supervisor.restarts}   missed {missed}"

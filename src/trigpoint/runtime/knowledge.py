@@ -18,20 +18,25 @@ class Knowledge:
         evidence: time of the freshest anchor reading that is known of; 0 for never.
         broken: time at which an arc was last missing anywhere that is known of; 0 for never.
         uncertainty: root mean square error of one state that the estimate is believed to have, in the state's unit.
+        told: when, by the own clock, a later ``broken`` than all before became known; 0 for never.
     """
 
     hops: float = -1.0
     evidence: float = 0.0
     broken: float = 0.0
     uncertainty: float = 1.0
+    told: float = 0.0
 
     def anchored(self, now: float, timeout: float) -> bool:
         """True while some anchor reading is at most ``timeout`` seconds old at ``now``."""
         return self.evidence > 0.0 and now - self.evidence <= timeout
 
     def whole(self, now: float, timeout: float) -> bool:
-        """True when no arc is known to have been missing for more than ``timeout`` seconds at ``now``."""
-        return self.broken == 0.0 or now - self.broken > timeout
+        """True when no news of a missing arc has come for more than ``timeout`` seconds at ``now``.
+
+        News count by when they come, however old they are: while an arc is missing somewhere they go on to come.
+        """
+        return self.told == 0.0 or now - self.told > timeout
 
     @property
     def facts(self) -> tuple[float, float, float, float]:
@@ -83,7 +88,8 @@ def learn(
         hops = 1.0 + min(near)
     if not (evidence > 0.0 and now - evidence <= timeout):
         hops = -1.0
-    return replace(known, hops=hops, evidence=evidence, broken=broken)
+    told_at = now if broken > known.broken else known.told
+    return replace(known, hops=hops, evidence=evidence, broken=broken, told=told_at)
 
 
 @dataclass(frozen=True)

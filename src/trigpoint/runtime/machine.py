@@ -288,7 +288,7 @@ class NodeMachine:
         """The uncertainty after a step of ``held`` seconds with what was latched, and ``free`` seconds without."""
         figure, growth = self._known.uncertainty, self._growth
         if growth is None:
-            return averaged(figure, use.pulls, held)
+            return min(averaged(figure, use.pulls, held), LARGEST_VALUE)
         rate = self._settings.settle_rate if self.covered else 0.0
         figure = cautious(figure, use.pulls, held, rate=rate, growth=growth)
         figure = cautious(figure, (), free, rate=rate, growth=growth)

@@ -116,9 +116,19 @@ class NodeSettings:
             if B is None or np.shape(self.input) != (B.shape[1],):
                 shape = None if B is None else B.shape
                 raise ArgumentError(f"input of a node must fit its B {shape}; got {np.shape(self.input)}")
+        self._check_neighbours()
         bad = [label for label, value in self.deviations.items() if not (np.isfinite(value) and value >= 0.0)]
         if bad:
             raise ArgumentError(f"deviations must be numbers of at least 0; those of the arcs {bad} are not")
+
+    def _check_neighbours(self) -> None:
+        """``models`` and ``drives`` of a neighbour must fit the rows that its estimate is multiplied by."""
+        sizes = {name: rows.shape[1] for arc in self.program.arcs for name, rows in arc.heard}
+        for what, table, wide in (("models", self.models, 2), ("drives", self.drives, 1)):
+            for name, value in table.items():
+                expected = (sizes.get(name),) * wide
+                if name in sizes and np.shape(value) != expected:
+                    raise ArgumentError(f"{what} of {name!r}: got shape {np.shape(value)}, expected {expected}")
 
     @property
     def name(self) -> str:
