@@ -68,7 +68,7 @@ def test_other_durations_are_refused(text, scenario):
 
 
 def test_a_run_from_start_to_summary(scenario, tmp_path):
-    """Ends in order when its terminal closes (SIGHUP): the log is whole, the object on standard output complete, nobody is left."""
+    """Ends in order when its terminal closes: the log is whole, the object on standard output too, nobody is left."""
     process = running("run", scenario, "--json", "--out", tmp_path / "out", "--agents-per-process", 2)
     status = tmp_path / "out" / "status.json"
     limit = time.monotonic() + 60.0
