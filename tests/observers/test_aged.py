@@ -7,7 +7,7 @@ import pytest
 
 import trigpoint as tp
 from trigpoint.errors import ArgumentError
-from trigpoint.observers.aged import aged_decay_rate, aged_error_map, aged_overshoot, settling
+from trigpoint.observers.aged import aged_decay_rate, aged_error_map, aged_error_norms, aged_overshoot, settling
 from trigpoint.simulation import Channel, Clocks
 
 TURN = tp.LinearAgent([[0, 1], [-1, 0]], [[1, 0]])
@@ -56,6 +56,21 @@ def test_the_simulation_decays_as_predicted(agent, period, horizon):
     predicted = aged_decay_rate(found.as_programs(), period, period / 2)
     assert apart.measured_decay_rate() == pytest.approx(predicted, rel=0.01)
     assert together.measured_decay_rate() > 1.2 * predicted
+
+
+@pytest.mark.parametrize("agent", [tp.LinearAgent.static(), TURN])
+def test_the_errors_from_one_start(agent):
+    """Without age those of the simulation; with it, their slope ends at the rate of the slowest mode."""
+    problem, found = observer(agent)
+    n, period = agent.n_states, 0.05
+    error = np.random.default_rng(5).normal(size=(9, n))
+    scenario = tp.Scenario(period * np.arange(60), initial_error=error, initial_state=np.zeros((9, n)), period=period)
+    norms = aged_error_norms(found.as_programs(), period, 0.0, 0.0, error, 59)
+    np.testing.assert_allclose(norms, tp.simulate(problem, found, scenario).error_norm, rtol=1e-9)
+    norms = aged_error_norms(found.as_programs(), period, 0.03, 0.03, error, 16000)
+    last = norms[8000:16000] if norms[-1] > 1e-300 else norms[1000:3000]
+    slope = -np.polyfit(period * np.arange(last.shape[0]), np.log(last), 1)[0]
+    assert slope == pytest.approx(aged_decay_rate(found.as_programs(), period, 0.03, 0.03), rel=0.01)
 
 
 def test_whole_periods_of_delay():

@@ -189,6 +189,23 @@ def test_a_node_that_was_joined_by_another_is_still_understood():
     assert tuple(link.neighbour for link in status.links) == monitor._programs["a"].hears
 
 
+def test_how_old_what_nodes_used_was_by_their_own_word_and_in_a_span_of_time():
+    hand, monitor = watching()
+    assert monitor.link_age() is None
+    assert monitor.lateness(Kind.READING) == 0.0
+    for k, (state, age) in enumerate(((2, 0.01), (2, 0.03), (3, 5.0), (2, 0.05))):
+        values = np.zeros(len(STATUS_FIELDS) + len(LINK_FIELDS))
+        values[len(STATUS_FIELDS) :][:2] = state, age
+        hand.time = 100.0 + k
+        hand.feed(node_key("n", "a", "status"), encode_frame(Frame(Kind.STATUS, "a", 1, k, 100.0 + k, (), values)))
+        hand.feed(*estimate("a", k, 99.9 + k - 0.1 * k, [1.0, 1.0]))
+    monitor.poll()
+    assert monitor.link_age() == 0.03  # a stale link is not used
+    assert monitor.link_age(100.5, 102.5) == 0.03
+    assert monitor.link_age(102.5) == 0.05
+    assert monitor.lateness(Kind.ESTIMATE, 100.5, 101.5) == pytest.approx(0.2)
+
+
 def test_readings_of_arcs_that_nobody_has_are_forgotten():
     hand, monitor = watching()
     for label in (0.0, 1e6, 0.5, -1.0):

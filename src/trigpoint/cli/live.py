@@ -19,7 +19,7 @@ from trigpoint.arrays import FloatArray
 from trigpoint.cli.recorded import Player, Record
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.observers import AssembledObserver, Run
-from trigpoint.observers.aged import aged_decay_rate
+from trigpoint.observers.aged import aged_decay_rate, aged_error_norms
 from trigpoint.runtime.__main__ import plant_transport
 from trigpoint.runtime.access import guest_rules
 from trigpoint.runtime.clock import SystemClock, new_epoch
@@ -33,6 +33,7 @@ from trigpoint.runtime.zenoh_link import ZenohTransport
 
 _TICK = 0.02
 _SAMPLE, _MOST_SAMPLES = 0.05, 4000
+_MOST_STEPS = 20_000  # exchanges that a prediction follows
 _DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(ms|s|min|h)")
 _UNITS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -230,7 +231,6 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
     """The JSON object of ``run``."""
     plan, statuses = live.plan, [status for status in last.status if status is not None]
     run = live.recorder.run()
-    age, reading_age = ages(live)
     usage = live.supervisor.usage()
     lasted = max(last.time, 1e-9)
     limit = 1.0 + 5.0 * plan.nodes[0].period
@@ -241,11 +241,8 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
         "processes": len(plan.groups),
         "rate": 1.0 / plan.nodes[0].period,
         "seconds": last.time,
-        "decay_rate_measured": None if run is None else run.measured_decay_rate(),
-        "decay_rate_predicted": _predicted(live, observer),
+        **rates_of(live, run, observer),
         "decay_rate": plan.nodes[0].decay_rate,
-        "message_age": age,
-        "reading_age": reading_age,
         "initial_error": None if norms is None else float(norms[0]),
         "final_error": None if norms is None else float(norms[-1]),
         "relative_error": None if norms is None or not size else float(norms[-1]) / size,
@@ -268,21 +265,56 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
     }
 
 
-def ages(live: LiveRun) -> tuple[float, float]:
-    """Average age of a message and of a reading when it is used [s].
+def ages(live: LiveRun, window: tuple[float, float] | None) -> tuple[float, float]:
+    """Age of a message and of a reading when it is used [s], in this ``window`` of the run (None: in all of it).
 
-    Half a period, plus the median time from the instant that a frame is for to its arrival, as the monitor sees it.
-    Of two nodes with equal periods one hears the other's message a part p of a period after its instant, and the other
-    the one's after 1 - p: half a period on average, whatever the phases. For readings it is the mean over the phases.
+    Messages: as the nodes say themselves, which holds whatever keeps them or the monitor waiting; before they have,
+    half a period more than the monitor sees. Readings: that, as the mean over the phases of the nodes.
     """
-    half = 0.5 * live.plan.nodes[0].period
-    return half + live.monitor.lateness(Kind.ESTIMATE), half + live.monitor.lateness(Kind.READING)
+    monitor, half = live.monitor, 0.5 * live.plan.nodes[0].period
+    since, until = (-np.inf, np.inf) if window is None else (monitor.began + window[0], monitor.began + window[1])
+    said = monitor.link_age(since, until)
+    seen = half + monitor.lateness(Kind.ESTIMATE, since, until) if said is None else said
+    return seen, half + monitor.lateness(Kind.READING, since, until)
 
 
-def _predicted(live: LiveRun, observer: AssembledObserver) -> float | None:
+def rates_of(live: LiveRun, run: Run | None, observer: AssembledObserver) -> dict[str, float | None]:
+    """The measured rate, the one expected of the same samples from the same first error, and that of the long run.
+
+    Both for the ages in the time of these samples, which come with them. None for a measured rate over less than a time
+    constant: the error has not even fallen by a factor e meanwhile.
+    """
+    window = None if run is None else run.decay_window()
+    known = ages(live, window)
+    predicted = _predicted(live, observer, known)
+    found = {"decay_rate_measured": None, "decay_rate_expected": None, "decay_rate_predicted": predicted,
+             "message_age": known[0], "reading_age": known[1]}  # fmt: skip
+    if run is None or window is None or (predicted is not None and (window[1] - window[0]) * predicted < 1.0):
+        return found
+    expected = _expected(live, run, observer, window) if predicted is not None else None
+    return {**found, "decay_rate_measured": run.measured_decay_rate(), "decay_rate_expected": expected}
+
+
+def _expected(live: LiveRun, run: Run, observer: AssembledObserver, window: tuple[float, float]) -> float | None:
+    """The slope over the ``window`` of what follows from the first sample.
+
+    None for very long runs, and where the estimate is not what a node exchanges.
+    """
+    node = live.plan.nodes[0]
+    first, steps = (round((moment - run.times[0]) / node.period) for moment in window)
+    plain = all(one.readout is None and not one.feedthrough for one in observer.nodes)
+    if node.old != "propagate" or not plain or steps > _MOST_STEPS:
+        return None
+    norms = aged_error_norms(observer, node.period, *ages(live, window), run.error[0], steps)[first:]
+    if norms.shape[0] < 3 or not norms.all():
+        return None
+    return float(-np.polyfit(node.period * np.arange(norms.shape[0]), np.log(norms), 1)[0])
+
+
+def _predicted(live: LiveRun, observer: AssembledObserver, known: tuple[float, float]) -> float | None:
     """The rate with these ages; taken as they are, old values leave a floor instead (policy ``use``)."""
     node = live.plan.nodes[0]
-    age, reading_age = ages(live)
+    age, reading_age = known
     if max(age, reading_age) > 16.0 * node.period:
         return None
     return aged_decay_rate(observer, node.period, age, reading_age if node.old == "propagate" else 0.0)

@@ -202,7 +202,9 @@ def _summarize(facts: dict[str, Any], log: Path) -> None:
         table.add_row("error norm", f"{facts['initial_error']:.4g} -> {facts['final_error']:.4g}{percent}")
     measured, predicted = _number(facts["decay_rate_measured"]), _number(facts["decay_rate_predicted"])
     ages = f"messages {1e3 * facts['message_age']:.1f} ms old, readings {1e3 * facts['reading_age']:.1f} ms"
-    table.add_row("decay rate", f"measured {measured} /s, predicted {predicted} /s with {ages}")
+    expected = _number(facts["decay_rate_expected"])
+    text = f"measured {measured} /s, predicted {expected} /s from this start and {predicted} /s in the long run, {ages}"
+    table.add_row("decay rate", text)
     if facts["readings"] is not None:
         table.add_row("recorded readings", str(facts["readings"]))
     table.add_row("anchored", f"{facts['anchored']} of {facts['nodes']} (guarantee covers {facts['covered']})")

@@ -125,6 +125,34 @@ def aged_decay_rate(observer: AssembledObserver, period: float, age: float, read
     return float(-np.log(max(radius, np.finfo(float).tiny)) / period)
 
 
+def aged_error_norms(
+    observer: AssembledObserver, period: float, age: float, reading_age: float, error: FloatArray, steps: int
+) -> FloatArray:
+    """(steps + 1,) norms of the errors that follow from ``error`` (N, n), exchange by exchange, by ``aged_error_map``.
+
+    Modes that decay almost alike take long to part, so that a run of some time constants falls faster than
+    ``aged_decay_rate``, which is that of the last one left; how fast, is the slope of these norms.
+
+    Args:
+        observer, period, age, reading_age: as in ``aged_error_map``.
+        error: of every node at the start, a row each, filled up where states differ in number; all messages known then
+            are taken to have the same error, moved back.
+        steps: how many exchanges follow.
+    """
+    matrix = aged_error_map(observer, period, age, reading_age)
+    sizes = [node.n_states for node in observer.nodes]
+    now = np.concatenate([row[:size] for row, size in zip(error, sizes, strict=True)])
+    free = diagonal_of(expm(-period * node.A) for node in observer.nodes)
+    parts = [now]
+    while len(parts) * now.shape[0] < matrix.shape[0]:
+        parts.append(free @ parts[-1])
+    state, norms = np.concatenate(parts), np.empty(steps + 1)
+    for k in range(steps + 1):
+        norms[k] = np.linalg.norm(state[: now.shape[0]])
+        state = matrix @ state
+    return norms
+
+
 def settling(
     observer: AssembledObserver, period: float, age: float, reading_age: float, most: float
 ) -> tuple[float, float]:

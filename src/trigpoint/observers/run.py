@@ -117,6 +117,18 @@ class Run:
         distance from that value is taken. Samples without a known error are left out. None where fewer than three
         samples are left.
         """
+        times, norm = self._clear_of_the_floor()
+        if times.shape[0] < 3 or np.ptp(times) == 0.0:
+            return None
+        return float(-np.polyfit(times, np.log(norm), 1)[0])
+
+    def decay_window(self) -> tuple[float, float] | None:
+        """First and last of the times that ``measured_decay_rate`` is taken over; None where it is."""
+        times, _ = self._clear_of_the_floor()
+        return None if times.shape[0] < 3 or np.ptp(times) == 0.0 else (float(times[0]), float(times[-1]))
+
+    def _clear_of_the_floor(self) -> tuple[FloatArray, FloatArray]:
+        """Times and norms of the later half of the samples whose error is known and clear of the floor."""
         norm = self.error_norm
         known = np.isfinite(norm)
         times, norm, error = self.times[known], norm[known], self._present_error[known]
@@ -130,9 +142,7 @@ class Run:
             floor = max(floor, 1e-4 * norm[0], 10.0 * float(np.median(norm[-tail:])))
         usable = np.flatnonzero(norm > floor)
         usable = usable[usable.shape[0] // 2 :]
-        if usable.shape[0] < 3 or np.ptp(times[usable]) == 0.0:
-            return None
-        return float(-np.polyfit(times[usable], np.log(norm[usable]), 1)[0])
+        return times[usable], norm[usable]
 
     @property
     def dataset(self) -> Any:

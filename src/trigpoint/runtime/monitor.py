@@ -16,6 +16,7 @@ from trigpoint.observers.local import LocalObserver, LocalState
 from trigpoint.runtime.clock import Clock
 from trigpoint.runtime.codec import LARGEST_FRAME, Frame, Kind, decode_frame
 from trigpoint.runtime.gate import Bucket
+from trigpoint.runtime.links import State
 from trigpoint.runtime.routes import reading_sizes
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, NodeStatus, node_status
 from trigpoint.runtime.topics import everything, node_key, reading_key, truth_key
@@ -158,7 +159,8 @@ class Monitor:
         self._said: dict[str, tuple[Frame, float]] = {}
         self._statuses: dict[str, NodeStatus] = {}
         self._readings: dict[int, FloatArray] = {}
-        self._late = {kind: deque[float](maxlen=_REMEMBERED) for kind in (Kind.ESTIMATE, Kind.READING)}
+        self._late = {k: deque[tuple[float, float]](maxlen=_REMEMBERED) for k in (Kind.ESTIMATE, Kind.READING)}
+        self._ages: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
         self.hooks: list[Hook] = []
         self.received = self.dropped = self.malformed = self.strangers = self.flooded = self.received_bytes = 0
         for pattern in watched(network):
@@ -222,18 +224,31 @@ class Monitor:
                 hook(frame, arrived)
         return count
 
-    def lateness(self, kind: Kind) -> float:
+    def lateness(self, kind: Kind, since: float = -np.inf, until: float = np.inf) -> float:
         """Seconds from the instant that a frame of this ``kind`` (estimate, reading) is for to its arrival.
 
-        The median of the last 16384: a processor that stalls now and then says nothing about the rest of the time.
+        The median of the last 16384, of those that arrived from ``since`` to ``until`` (by the clock): a processor that
+        stalls now and then says nothing about the rest of the time. 0 where there is none.
         """
+        return max(0.0, self._median(self._late[kind], since, until) or 0.0)
+
+    def link_age(self, since: float = -np.inf, until: float = np.inf) -> float | None:
+        """Median age of the messages that nodes used, as they say themselves in their statuses.
+
+        Of LIVE links, in statuses that arrived from ``since`` to ``until`` (by the clock); None where there is none. Of
+        two nodes with equal periods one hears the other's message a part p of a period late, the other the one's 1 - p,
+        so that the median is the mean as well while nothing stalls.
+        """
+        return self._median(self._ages, since, until)
+
+    def _median(self, pairs: deque[tuple[float, float]], since: float, until: float) -> float | None:
         with self._lock:
-            late = list(self._late[kind])
-        return max(0.0, float(np.median(late))) if late else 0.0
+            found = [value for arrived, value in pairs if since <= arrived <= until]
+        return float(np.median(found)) if found else None
 
     def _keep(self, frame: Frame, arrived: float) -> None:
         if frame.kind in self._late:
-            self._late[frame.kind].append(arrived - frame.time)
+            self._late[frame.kind].append((arrived, arrived - frame.time))
         if frame.kind is Kind.READING:
             self._readings[int(frame.fact("label"))] = frame.values
         elif frame.kind is Kind.STATUS:
@@ -241,6 +256,8 @@ class Monitor:
             status = node_status(_without_newcomers(frame, len(hears)), hears)
             if _newer(frame, arrived, self._said):
                 self._statuses[frame.sender] = status
+                live = (link.age for link in status.links if link.state is State.LIVE and link.age is not None)
+                self._ages.extend((arrived, age) for age in live)
         elif frame.kind is Kind.TRUTH:
             _newer(frame, arrived, self._truths)
         elif frame.kind is Kind.ESTIMATE:
