@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
 from trigpoint.errors import MissingExtraError
-from trigpoint.report._text import NOTHING, printable
+from trigpoint.report._text import NOTHING, number, printable
 
 if TYPE_CHECKING:
     from jinja2 import Template
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 INK = "#1b2733"
@@ -87,6 +88,20 @@ def _embeddable(svg: str, label: str) -> str:
     svg = _COUNTED_ID.sub("", _PROLOGUE.sub("", svg))
     svg = _TRAILING.sub("", svg)
     return svg.replace("<svg ", f'<svg role="img" aria-label={quoteattr(printable(label))} ', 1)
+
+
+def plain_ticks(axes: Axes, low: float, high: float) -> None:
+    """Label a logarithmic vertical axis from ``low`` to ``high``, both positive, as people write numbers.
+
+    Less than two decades get 1, 2 and 5 of each, less than a half one evenly spaced places; more get powers of ten
+    with unlabelled ticks between them.
+    """
+    from matplotlib.ticker import AutoLocator, FuncFormatter, LogLocator, NullFormatter
+
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    if high < 100.0 * low:
+        axes.yaxis.set_major_locator(AutoLocator() if high < 3.0 * low else LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 4)))
 
 
 def page_template() -> Template:
