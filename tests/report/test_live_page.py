@@ -176,6 +176,7 @@ def test_the_page_begins_when_every_node_is_known(tmp_path: Path) -> None:
                 log.write(truth(name, k, now, [0.0]), now)
                 if name == "early" or k >= 7:
                     log.write(estimate(name, k, now, [8.0 * 0.5**k if name == "early" else 3.0]), now)
+        log.event("started", "late", time=START + 0.2)
     run = read_run(path)
     page = page_of(path)
     summary = dict(section(page, "Summary")[1][0].rows)
@@ -184,4 +185,5 @@ def test_the_page_begins_when_every_node_is_known(tmp_path: Path) -> None:
     assert run.error_norm[0] == pytest.approx(np.hypot(8.0 * 0.5**7, 3.0))
     assert summary["error norm, first sample [m]"] == f"{run.error_norm[0]:.4g}"
     assert summary["first estimate before time 0 [s]"] == "0.7"
+    assert "before every node was known" in section(page, "Events")[0]
     assert "0.7 s after the first estimate" in figures(page, "Error over time")[0].caption

@@ -253,6 +253,9 @@ def test_contents_and_notes_of_a_table():
     text = render(page)
     assert '<a href="#section-2">Second</a>' in text
     assert "<li>said &lt;once&gt;</li>" in text
+    assert render(Page("t", "", (Section("s", "Not so (E-000-5) <b>."),))).count(
+        '(<span class="whole">E-000-5</span>) &lt;b&gt;.'
+    )
     assert "<nav" not in render(Page("t", "", (Section("First", "", (table,)),)))
 
 

@@ -21,6 +21,7 @@ _SIZE = (6.8, 3.2)
 _COLOURS = (_engines.BLUE, _engines.ACCENT, "#2f7d4f", "#7b4fa3", "#b58900", "#0f8b8d", "#a3354a", "#5f6b76")
 _DASHES = ("-", (0, (5, 2.5)), (0, (1, 1.8)), (0, (6, 2, 1, 2)), (0, (9, 3)))
 _WIDTHS = (2.6, 1.7, 1.7, 1.5, 1.3)
+_ALONE = 1.7
 _MARKERS = ("o", "x", "s", "+", "^")
 _FEW = 12
 _INSIDE = 4
@@ -76,7 +77,7 @@ def curves_figure(
             axes.set_yticks([])
             return
         for k, values in enumerate(curves.values()):
-            _draw(axes, places, values, k)
+            _draw(axes, places, values, k, _ALONE if len(curves) == 1 else _WIDTHS[k % len(_WIDTHS)])
         for mark in marks.tolist():
             axes.axvline(mark, color=_engines.MUTED, lw=0.8, ls=":")
         if log_y:
@@ -97,11 +98,11 @@ def _shown(name: str, places: FloatArray, line: ArrayLike, *, log_y: bool) -> Fl
     return np.where(shown, values, np.nan)
 
 
-def _draw(axes: Axes, places: FloatArray, values: FloatArray, k: int) -> None:
+def _draw(axes: Axes, places: FloatArray, values: FloatArray, k: int, width: float) -> None:
     few = places.size <= _FEW
     turn = k % len(_DASHES)
     axes.plot(
-        places, values, color=_COLOURS[k % len(_COLOURS)], ls=_DASHES[turn], lw=_WIDTHS[turn],
+        places, values, color=_COLOURS[k % len(_COLOURS)], ls=_DASHES[turn], lw=width,
         marker=_MARKERS[turn] if few else "", ms=5.5 if turn else 4.0, mfc="none" if turn else None,
     )  # fmt: skip
 

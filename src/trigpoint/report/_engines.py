@@ -50,6 +50,7 @@ _STYLE: dict[Any, Any] = {
 }
 _PROLOGUE = re.compile(r"\A.*?(?=<svg\b)", re.DOTALL)
 _COUNTED_ID = re.compile(r' id="[A-Za-z0-9]+_\d+"')  # figure_1, axes_1, ...: never referred to, not unique on a page
+_KEY = re.compile(r"\bE-\d+-\d+\b")  # an erratum of the papers
 _TRAILING = re.compile(r"[ \t]+$", re.MULTILINE)
 
 
@@ -108,7 +109,7 @@ def page_template() -> Template:
     """Return the page's template; everything written into it is escaped, unknown names are errors."""
     try:
         import jinja2
-        from markupsafe import Markup
+        from markupsafe import Markup, escape
     except ImportError as error:
         raise MissingExtraError("jinja2", "report", "rendering a page") from error
 
@@ -116,6 +117,10 @@ def page_template() -> Template:
         if value is None:
             return NOTHING
         return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+    def unbroken(text: str) -> Markup:
+        marked = _KEY.sub(r'<span class="whole">\g<0></span>', str(escape(printable(text))))
+        return Markup(marked)  # escaped above
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("trigpoint.report", "templates"),
@@ -126,4 +131,5 @@ def page_template() -> Template:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    environment.filters["unbroken"] = unbroken
     return environment.get_template("page.html")

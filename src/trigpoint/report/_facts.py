@@ -31,6 +31,7 @@ _WORDS = {
     "rounds": "rounds of messages a period",
     "anchor_timeout": "an anchor's reading counts for [s]",
     "stale": "a message counts for [s]",
+    "anchors": "nodes with an anchor",
     "start": "time 0 is [s since 1970]",
 }
 _CHANNEL = {
