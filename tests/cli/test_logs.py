@@ -17,7 +17,8 @@ from trigpoint.runtime import LogWriter, read_run
 def test_report_writes_the_page_beside_the_log(tmp_path: Path) -> None:
     path = small_log(tmp_path / "run.mcap")
     assert trigpoint("report", path).exit_code == 0
-    page = (tmp_path / "run.html").read_text(encoding="utf-8")
+    page = (tmp_path / "run.live.html").read_text(encoding="utf-8")
+    assert not (tmp_path / "run.html").exists()  # that is the page of run.npz
     assert "Whom to trust" in page
     path.write_bytes(path.read_bytes()[:-40])
     assert trigpoint("report", path, "--out", tmp_path / "other.html").exit_code == 0

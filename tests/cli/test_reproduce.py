@@ -12,6 +12,7 @@ import pytest
 from tests.cli.shelled import json_of, process, refused, trigpoint
 from trigpoint.cli import reproducing, results_page
 from trigpoint.papers import EXPERIMENTS, Cell, Reproduction, g16_worst_case
+from trigpoint.report import render
 
 QUICK = ("g16-example1", "g16-riccati", "g16-altitude", "r23-cycles", "r23-tracking", "w17-components")
 CELL = {"at", "paper", "ours", "error", "verdict"}
@@ -78,6 +79,7 @@ def test_all_experiments_make_one_page(few: tuple[str, ...], tmp_path: Path) -> 
     assert "✓ agrees" in text
     assert "⚠ erratum" in text
     assert "· not specified" in text
+    assert text.count('<li><a href="#section-') == len(few) + 1
     assert not OUTSIDE.search(text)
     assert "<script" not in text
     assert [path.name for path in (tmp_path / "pages").iterdir()] == ["reproduce.html"]
@@ -96,6 +98,19 @@ def test_one_experiment_makes_its_own_page(tmp_path: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "Summary" not in text
     assert text.count("<image") == 6  # the truth and five frames
+
+
+def test_a_remark_that_belongs_to_many_claims_stands_once() -> None:
+    cells = tuple(Cell(f"claim {k}", None, 1.0, None, "not specified", "square is ours") for k in range(9))
+    other = Cell("last", 1.0, 1.0, 0.0, "agrees", "as printed")
+    page = results_page.results_page(
+        [Reproduction("x", "G16", "Text.", (*cells, other, Cell("bare", 1.0, 1.0, 0.0, "agrees")))]
+    )
+    text = render(page)
+    assert text.count("square is ours") == 1
+    (table,) = page.sections[0].items
+    assert [row[-1] for row in table.rows] == ["1"] * 9 + ["2", ""]
+    assert list(table.notes) == ["square is ours", "as printed"]
 
 
 def test_a_long_table_is_folded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,10 +9,10 @@ import pytest
 
 from tests.report.test_report_page import HOSTILE, read
 from tests.runtime.logged import EPOCH, START, estimate, reading, status, truth
-from trigpoint.errors import ArgumentError, ShapeError
-from trigpoint.report import live_page, render, series_figure
-from trigpoint.report.page import Page, Table
-from trigpoint.runtime import LINK_FIELDS, STATUS_FIELDS, LogWriter, read_log, run_of
+from trigpoint.errors import ArgumentError
+from trigpoint.report import live_page, render
+from trigpoint.report.page import Figure, Page, Table
+from trigpoint.runtime import LINK_FIELDS, STATUS_FIELDS, LogWriter, read_log, read_run, run_of
 
 FIXED = dict(
     zip(
@@ -61,7 +61,8 @@ def test_the_page_tells_what_the_log_tells(tmp_path: Path) -> None:
     assert float(str(summary["error norm, last sample [m]"])) == pytest.approx(last, rel=1e-3)
     assert (summary["restarts"], summary["nodes anchored at the end"], summary["nodes away at the end"]) == (1, 2, 0)
     assert (summary["estimates in the log"], summary["readings in the log"]) == (100, 60)
-    assert summary["guaranteed_rate"] == 0.5
+    assert summary["designed decay rate, exchange without delay [1/s]"] == 0.5
+    assert not {"hears", "guaranteed_rate"} & set(summary)
     links = section(page, "Links")[1][0].rows
     assert links[0] == ("a", "x", "live", 95, 5, "2", "\u22124")
     assert links[1][:2] == ("b", "#1")  # nobody told the name
@@ -133,18 +134,56 @@ def test_an_empty_run_is_refused(tmp_path: Path) -> None:
         live_page(log, run_of(log, times=[]), title="x")
 
 
-def test_lines_over_time_are_drawn() -> None:
-    svg = series_figure([0, 1, 2], {"one": [1, np.nan, 3], "<two>": [0, -1, np.inf]}, label="$y_1$", events=[1.0])
-    assert svg.startswith("<svg")
-    assert "&lt;two&gt;" in svg
-    assert "$y_1$" in svg
-    assert "nothing is known" in series_figure([0.0], {"x": [np.nan]}, label="y")
-    assert "10" in series_figure([0, 1], {"x": [1e-3, 1e3]}, label="y", decades=True)
+def figures(page: Page, title: str) -> list[Figure]:
+    (found,) = [one for one in page.sections if one.title == title]
+    return [item for item in found.items if isinstance(item, Figure)]
 
 
-def test_lines_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(ShapeError, match="'x'"):
-        series_figure([0, 1], {"x": [1]}, label="y")
-    for times, lines in (([], {"x": []}), ([0.0], {}), ([[0.0]], {"x": [[0.0]]})):
-        with pytest.raises(ArgumentError, match="at least one sample"):
-            series_figure(times, lines, label="y")
+def test_the_rate_that_is_drawn_is_called_what_it_is(tmp_path: Path) -> None:
+    """Nothing is certified in a live run: the design's rate holds without delay; a predicted one goes before it."""
+    (designed,) = figures(page_of(logged(tmp_path / "run.mcap")), "Error over time")
+    name = "designed rate, exchange without delay (slope only)"
+    assert f"{name}, 0.5 1/s" in designed.svg
+    assert name in designed.caption
+    assert "certified" not in designed.svg + designed.caption
+    attributes = {"guaranteed_rate": 0.5, "decay_rate_predicted": 0.4}
+    with LogWriter(tmp_path / "aged.mcap", network="n", names=["a"], attributes=attributes) as log:
+        for k in range(5):
+            log.write(truth("a", k, START + k, [0.0]), START)
+            log.write(estimate("a", k, START + k, [0.5**k]), START)
+    (predicted,) = figures(page_of(tmp_path / "aged.mcap"), "Error over time")
+    assert "predicted rate, 0.4 1/s" in predicted.svg
+
+
+def test_what_nodes_say_of_themselves_stands_beside_what_was(tmp_path: Path) -> None:
+    _, stated = figures(page_of(logged(tmp_path / "run.mcap")), "Whom to trust")
+    for name in ("largest, stated", "median, stated", "largest, true", "median, true", "error of a state [m]"):
+        assert name in stated.svg
+    assert "a bound for constants; for agents that move a figure" in stated.caption
+    assert "standard deviation" not in stated.caption
+    _, blind = figures(page_of(logged(tmp_path / "blind.mcap", with_truth=False)), "Whom to trust")
+    assert "largest, stated" in blind.svg
+    assert "largest, true" not in blind.svg
+
+
+def test_the_page_begins_when_every_node_is_known(tmp_path: Path) -> None:
+    """The second node speaks 0.7 s after the first; what part of the network did before is no error of the whole."""
+    path = tmp_path / "run.mcap"
+    with LogWriter(path, network="n", names=["early", "late"], attributes={}) as log:
+        for k in range(40):
+            now = START + 0.1 * k
+            for name in ("early", "late"):
+                log.write(truth(name, k, now, [0.0]), now)
+                if name == "early" or k >= 7:
+                    log.write(estimate(name, k, now, [8.0 * 0.5**k if name == "early" else 3.0]), now)
+        log.event("started", "late", time=START + 0.2)
+    run = read_run(path)
+    page = page_of(path)
+    summary = dict(section(page, "Summary")[1][0].rows)
+    assert run.attributes["start"] == pytest.approx(START + 0.7)
+    assert (run.status != "away").all()
+    assert run.error_norm[0] == pytest.approx(np.hypot(8.0 * 0.5**7, 3.0))
+    assert summary["error norm, first sample [m]"] == f"{run.error_norm[0]:.4g}"
+    assert summary["first estimate before time 0 [s]"] == "0.7"
+    assert "before every node was known" in section(page, "Events")[0]
+    assert "0.7 s after the first estimate" in figures(page, "Error over time")[0].caption

@@ -20,6 +20,8 @@ CURVES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "a gap": ({"a": np.where(X > 1.0, np.nan, X)}, {}),
     "nothing positive": ({"a": -X, "b": 0.0 * X}, {"log_y": True}),
     "constant": ({"a": 0.0 * X + 3.0}, {"log_y": True}),
+    "not finite": ({"a": np.where(X > 1.0, np.inf, 1e300)}, {"log_y": True}),
+    "events": ({"a": X}, {"events": [0.5, 1.0]}),
     "many": ({f"agent {k}": X + k for k in range(12)}, {"title": "Agents"}),
     "hostile": ({"<script>$x^2": X, "a & b": X, "_hidden": X}, {"title": "<b>&", "x_label": "$t", "y_label": "\x00"}),
 }
@@ -50,6 +52,35 @@ def test_curves_say_what_they_show() -> None:
     assert "one" not in texts(curves_figure(X, {"one": X}))
 
 
+def test_one_place_nothing_known_and_events_are_drawn() -> None:
+    assert "nothing is known" in texts(curves_figure([0.0], {"x": [np.nan]}, y_label="y"))
+    checked(curves_figure([0.0], {"x": [1.0]}))
+    plain, marked = curves_figure(X, {"a": X}), curves_figure(X, {"a": X}, events=[0.5, 1.5])
+    assert marked.count("<path") == plain.count("<path") + 2
+
+
+def test_curves_that_coincide_are_told_apart() -> None:
+    """The one below is whole and wide, those above are broken and thinner, so that it is seen in their gaps."""
+    lines = {"below": X, "above": X, "third": X}
+    strokes = re.findall(r"stroke-(?:dasharray: [0-9., ]+|width: [0-9.]+)", curves_figure(X, lines))
+    widths = [float(stroke.split(": ")[1]) for stroke in strokes if "width" in stroke]
+    assert max(widths) == 2.6
+    assert len({stroke for stroke in strokes if "dasharray" in stroke}) >= 2
+    few = curves_figure(X[:5], {name: values[:5] for name, values in lines.items()})
+    assert len(re.findall(r"<defs>\s*<path", few)) > len(re.findall(r"<defs>\s*<path", curves_figure(X, lines)))
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.45, 0.81), (2.0, 3.0), (0.3, 12.0), (1e-5, 0.1)])
+def test_logarithmic_axes_have_the_numbers_that_people_write(low: float, high: float) -> None:
+    """Below two decades plain numbers, never 6 x 10^-1; powers of ten above."""
+    svg = curves_figure(X, {"a": np.geomspace(low, high, X.shape[0])}, log_y=True, x_label="", y_label="")
+    labels = texts(svg)
+    assert not any("\N{MULTIPLICATION SIGN}" in label for label in labels)
+    if high < 100.0 * low:
+        shown = [float(label) for label in labels if re.fullmatch(r"[0-9.]+", label)]
+        assert sum(low <= one <= high for one in shown) >= 2
+
+
 def test_pictures_say_what_they_show() -> None:
     tables = [(f"frame {k}", np.full((3, 5), 0.2 * k)) for k in range(5)]
     svg = pictures_figure(tables, title="Frames")
@@ -62,8 +93,9 @@ def test_pictures_say_what_they_show() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "words"),
     [
-        ((X, {}), ArgumentError, "a curve over at least two places"),
-        (([1.0], {"a": [1.0]}), ArgumentError, "at least two places"),
+        ((X, {}), ArgumentError, "a curve over at least one place"),
+        (([], {"a": []}), ArgumentError, "at least one place"),
+        (([[0.0]], {"a": [[0.0]]}), ArgumentError, "at least one place"),
         ((X, {"a": X[1:]}), ShapeError, "curve 'a' has shape"),
     ],
 )

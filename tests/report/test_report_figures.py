@@ -128,6 +128,21 @@ def test_layout_keeps_nodes_apart_and_neighbours_near(graph):
     assert lengths.max() < 3.0
 
 
+@pytest.mark.parametrize(("rows", "columns"), [(3, 3), (4, 4), (6, 9), (15, 15)])
+def test_a_grid_is_a_square_and_no_diamond(rows, columns):
+    graph = graphs.grid(rows, columns)
+    places = node_positions(graph)
+    inner = ~graph.is_external
+    ways = places[graph.head[inner]] - places[graph.tail[inner]]
+    along = np.abs(ways).max(axis=1) / np.linalg.norm(ways, axis=1)
+    assert np.median(along) > np.cos(np.deg2rad(15.0))
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    assert places[0, 0] < middle[0]
+    assert places[0, 1] > middle[1]
+    width, height = np.ptp(places, axis=0)
+    assert width >= 0.99 * height
+
+
 def test_components_do_not_overlap():
     places = node_positions(MeasurementGraph(9, [0, 1, 3, 4], [1, 2, 4, 5]))
     gaps = np.linalg.norm(places[:, None] - places, axis=2)

@@ -1,6 +1,7 @@
 """Pages: one file, nothing from outside, everything escaped."""
 
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -11,6 +12,19 @@ from trigpoint.errors import ArgumentError, MissingExtraError, ShapeError
 from trigpoint.observers.run import Run
 from trigpoint.report import Figure, Page, Section, Table, error_figure, render, run_page
 from trigpoint.report._text import cell
+from trigpoint.simulation import (
+    Absence,
+    Bursts,
+    Channel,
+    Clocks,
+    Noise,
+    Outage,
+    Scenario,
+    Topology,
+    Trajectory,
+    Trigger,
+)
+from trigpoint.simulation.documents import scenario_document
 
 HOSTILE = "<script>alert('x')</script><img src=http://evil.example/x>\" onload=\"x"
 SVG = '<svg xmlns="http://www.w3.org/2000/svg"><g/></svg>'
@@ -179,9 +193,70 @@ def test_run_page_tells_the_numbers():
     reader = read(render(page))
     text = "".join(reader.text)
     assert "0.09692" in text  # the last error norm: sqrt(2 (1 + 4 + 9)) exp(-4) = 5.2915 x 0.018316
-    assert "certified rate, 0.9 1/s" in text
+    assert "guaranteed rate, 0.9 1/s" in text
+    assert "final error [m], darker is worse" in text
     assert HOSTILE[:40] in text
     assert render(page) == render(run_page(recorded(), title="T", graph=graphs.chain(3), rate=0.9, unit="m"))
+
+
+def test_run_page_tells_its_scenario_in_words():
+    channel = Channel(loss=0.1, delay=0.05, old="propagate", outages=(Outage(1.0, 2.0),))
+    scenario = Scenario(
+        np.linspace(0.0, 5.0, 6),
+        period=0.1,
+        channel=channel,
+        seed=3,
+        noise=Noise(0.01),
+        absences=[Absence(1, 2.0, 3.0), Absence(2, 4.0)],
+        topology=Topology([0.0, 1.0], np.ones((2, 3), dtype=bool)),
+    )
+    attributes = {
+        "period": 0.1, "guaranteed_rate": None, "seed": 3, "noise_measurement": 0.01, "noise_process": 0.0,
+        "loss": 0.1, "engines": ["series"], "scenario": scenario_document(scenario),
+    }  # fmt: skip
+    run = replace(recorded(), attributes=attributes)
+    rows = dict(run_page(run, title="T", unit="m").sections[0].items[0].rows)
+    assert not {"scenario", "guaranteed_rate", "noise_measurement"} & set(rows)
+    assert rows["guaranteed decay rate [1/s]"] == "none for such a run"
+    assert rows["noise of a reading, deviation [m]"] == 0.01
+    assert rows["times asked for"] == "6, 0 s to 5 s"
+    assert rows["channel"] == "loss 0.1, delay 0.05 s, 1 outage, old messages: propagate"
+    assert rows["node away"] == "c, from 4 s on"
+    assert rows["working arcs, changes"] == 1
+    assert "base64" not in render(run_page(run, title="T"))
+    smooth = run_page(replace(run, attributes={**attributes, "period": None}), title="T")
+    assert dict(smooth.sections[0].items[0].rows)["period of exchange [s]"] == "none: continuous exchange"
+    strange = run_page(replace(run, attributes={"scenario": {"times": 1}}), title="T")
+    assert "does not read" in dict(strange.sections[0].items[0].rows)["scenario"]
+
+
+def test_every_part_of_a_scenario_has_words():
+    times, three = [0.0, 1.0], np.zeros((2, 3, 4))
+    for motion, words in ((Trajectory(times, three), "known"), (Trajectory(times, three, known=False), "not known")):
+        scenario = Scenario(
+            times, period=0.1, clocks=Clocks(), trigger=Trigger(0.5, 0.1), motion=motion, inputs=np.ones((3, 1)),
+            channel=Channel(bursts=Bursts(0.1, 0.5), old="use"),
+            absences=[Absence(k % 3, 9.0 * k, 9.0 * k + 1.0) for k in range(7)],
+        )  # fmt: skip
+        run = replace(recorded(), attributes={"scenario": scenario_document(scenario)})
+        rows = dict(run_page(run, title="T").sections[0].items[0].rows)
+        assert words in rows["motion"]
+        assert (rows["clocks"], rows["inputs"]) == ("each node its own", "known, constant")
+        assert rows["a node sends when off by"] == "0.5 exp(\u22120.1 t)"
+        assert rows["channel"] == "bursts, old messages: use"
+        assert rows["further absences"] == 2
+
+
+def test_contents_and_notes_of_a_table():
+    table = Table(("a", "note"), (("x", "1"),), notes=("said <once>",))
+    page = Page("t", "", (Section("First", "", (table,)), Section("Second")), contents=True)
+    text = render(page)
+    assert '<a href="#section-2">Second</a>' in text
+    assert "<li>said &lt;once&gt;</li>" in text
+    assert render(Page("t", "", (Section("s", "Not so (E-000-5) <b>."),))).count(
+        '(<span class="whole">E-000-5</span>) &lt;b&gt;.'
+    )
+    assert "<nav" not in render(Page("t", "", (Section("First", "", (table,)),)))
 
 
 def test_run_page_lists_two_hundred_nodes():

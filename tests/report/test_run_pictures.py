@@ -11,7 +11,8 @@ from PIL import Image
 
 import trigpoint as tp
 from trigpoint.errors import ArgumentError, ShapeError
-from trigpoint.report import ANIMATIONS, Scene, animation, connectivity_figure, render, run_page, trajectory_figure
+from trigpoint.report import ANIMATIONS, Staging, animation, connectivity_figure, render, run_page, trajectory_figure
+from trigpoint.report._engines import styled
 from trigpoint.simulation import Bouncing, Scenario, proximity, simulate
 
 from .test_report_figures import SVG, checked, texts
@@ -82,9 +83,9 @@ def test_the_page_of_a_moving_run_shows_both(moving):
 
 def test_a_gif_has_its_frames_and_its_nodes_move(moving):
     active = np.array([TOPOLOGY.at(time) for time in TIMES])
-    scene = Scene(axes=(0, 1), active=active, rate=0.5, unit="m")
-    data = animation(moving, GRAPH, "gif", scene=scene, frames=5, rate=10.0, title="Five")
-    assert data == animation(moving, GRAPH, "gif", scene=scene, frames=5, rate=10.0, title="Five")
+    staging = Staging(axes=(0, 1), active=active, rate=0.5, unit="m")
+    data = animation(moving, GRAPH, "gif", staging=staging, frames=5, rate=10.0, title="Five")
+    assert data == animation(moving, GRAPH, "gif", staging=staging, frames=5, rate=10.0, title="Five")
     picture = Image.open(io.BytesIO(data))
     assert (picture.format, picture.n_frames, picture.info["loop"]) == ("GIF", 5, 0)
     seen = []
@@ -94,6 +95,23 @@ def test_a_gif_has_its_frames_and_its_nodes_move(moving):
         seen.append(np.asarray(picture.convert("RGB")).astype(int))
     left = [frame[60:400, :420] for frame in seen]
     assert all(np.abs(one - other).sum() > 0 for one, other in combinations(left, 2))
+
+
+def test_names_stand_beside_few_nodes_and_colours_say_which_is_worse(moving):
+    with styled() as new_figure:
+        figure = new_figure(figsize=(9.0, 4.4))
+        update = Staging(axes=(0, 1), rate=0.5, rate_name="a rate").on(figure, moving, GRAPH, "")
+        update(7)
+        names = figure.axes[0].texts
+        assert [text.get_text() for text in names] == list(GRAPH.names)
+        np.testing.assert_allclose([text.xy for text in names], moving.truth[7, :, :2])
+        assert any("darker is worse" in axes.get_ylabel() for axes in figure.axes)
+        assert figure.axes[1].get_legend().get_texts()[0].get_text() == "a rate, 0.5 1/s"
+        problem = tp.NetworkedAgents(tp.graphs.chain(30, anchors=(0,)), tp.LinearAgent.static())
+        run = simulate(problem, tp.design(problem, tp.methods.IntegratorObserver()), Scenario([0.0, 1.0]))
+        many = new_figure(figsize=(9.0, 4.4))
+        Staging().on(many, run, problem.graph, "")(0)
+        assert not many.axes[0].texts
 
 
 def test_a_page_plays_by_itself_and_asks_nobody(moving):
@@ -132,10 +150,10 @@ def test_an_mp4_goes_through_ffmpeg(moving, monkeypatch, tmp_path):
         ({"frames": 0}, ArgumentError, "frames >= 1"),
         ({"rate": 0.0}, ArgumentError, "0 < rate <= 100"),
         ({"graph": tp.graphs.chain(3)}, ShapeError, "graph has 3 nodes; the run has 5"),
-        ({"scene": Scene(axes=(0, 9))}, ArgumentError, "axes must be two of the 4 states"),
-        ({"scene": Scene(positions=np.zeros((2, 2)))}, ShapeError, r"positions must have shape \(5, 2\)"),
+        ({"staging": Staging(axes=(0, 9))}, ArgumentError, "axes must be two of the 4 states"),
+        ({"staging": Staging(positions=np.zeros((2, 2)))}, ShapeError, r"positions must have shape \(5, 2\)"),
         (
-            {"scene": Scene(active=np.ones((2, 2)))},
+            {"staging": Staging(active=np.ones((2, 2)))},
             ShapeError,
             r"active must have shape \(samples, arcs\) = \(41, 11\)",
         ),

@@ -70,6 +70,27 @@ def test_the_end_is_when_the_first_of_those_that_are_left_falls_silent(tmp_path:
     assert run.status[-1].tolist() == ["away", "relative", "relative"]
 
 
+def test_a_run_begins_when_every_node_that_ever_speaks_is_known(tmp_path: Path) -> None:
+    """The same rule for tables of one's own instants, which keep what was before."""
+    path = tmp_path / "run.mcap"
+    with LogWriter(path, network="n", names=["a", "late", "never"], attributes={}) as log:
+        for k in range(30):
+            now = START + 0.1 * k
+            for name in ("a", "late"):
+                if name == "a" or k >= 12:
+                    log.write(truth(name, k, now, [1.0]), now)
+                if name == "a" or k >= 9:
+                    log.write(estimate(name, k, now, [2.0]), now)
+    run = read_run(path)
+    assert run.attributes["start"] == pytest.approx(START + 1.2)  # its truth, too, must be known
+    assert run.times[0] == 0.0
+    assert log_run.first_known(run) == 0
+    whole = read_run(path, times=START + 0.1 * np.arange(30))
+    assert whole.times.shape == (30,)
+    assert log_run.first_known(whole) == 12
+    assert log_run.first_known(read_run(path, times=[])) is None
+
+
 def test_a_truth_that_ended_before_the_first_estimate_is_shown_as_it_is(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with LogWriter(path, network="n", names=["a"], attributes={}) as log:

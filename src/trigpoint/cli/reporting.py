@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
+from trigpoint.arrays import FloatArray
 from trigpoint.cli.compose import estimating, kind_of, read
 from trigpoint.cli.shell import HOLDS, Json, Out, console, emit, ending, guarded
 from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.io import load, write_atomically
 from trigpoint.observers.run import Run
-from trigpoint.report import ANIMATIONS, Scene, animation, live_page, render, run_page
+from trigpoint.report import ANIMATIONS, Page, Staging, animation, live_page, rate_of, render, run_page
 from trigpoint.runtime import read_log, run_of
 from trigpoint.simulation.documents import scenario_from_document
 from trigpoint.simulation.topology import with_absences
@@ -39,20 +41,22 @@ def report(
 ) -> int:
     """Write the report of a run: one HTML file, beside the run unless --out names another place.
 
+    It is named like the run: run.html for run.npz, run.live.html for the log run.mcap.
+
     With --network it shows the network coloured by the final error; --animate needs it.
     """
     ending(out, ".html")
     ending(animate, *(f".{kind}" for kind in ANIMATIONS))
     log = read_log(file) if is_log(file) else None
     run = stored(file) if log is None else run_of(log)
-    target = file.with_suffix(".html") if out is None else out
+    target = file.with_suffix(".html" if log is None else ".live.html") if out is None else out
     if animate is not None and network is None:
         raise ArgumentError("--animate needs the run's network: add --network FILE")
     if animate is not None and animate.resolve() == target.resolve():
         raise ArgumentError(f"the report and the moving picture would both be {target}: name one of them otherwise")
-    graph = None if network is None else graph_of(network, run)
-    rate, title = _rate(run), f"Run {file.name}"
-    page = run_page(run, title=title, graph=graph, rate=rate) if log is None else live_page(log, run, title=title)
+    graph, places = (None, None) if network is None else drawn_network(network, run)
+    title = f"Run {file.name}"
+    page = _page(run, title, graph, places) if log is None else live_page(log, run, title=title)
     write_atomically(target, render(page))
     written = {"report": str(target)}
     if animate is not None and graph is not None:
@@ -60,7 +64,7 @@ def report(
             run,
             graph,
             animate.suffix.lower()[1:],  # type: ignore[arg-type]  # checked above
-            scene=_scene(run, graph, rate),
+            staging=_staging(run, graph, places),
             frames=frames,
             title=file.stem,
         )
@@ -88,30 +92,33 @@ def stored(path: Path) -> Run:
     return run
 
 
-def graph_of(network: Path, run: Run) -> MeasurementGraph:
-    """The graph in a file whose nodes are those of ``run``."""
+def drawn_network(network: Path, run: Run) -> tuple[MeasurementGraph, FloatArray | None]:
+    """The graph in a file whose nodes are those of ``run``, and where the file says they are (None: nowhere)."""
     given = read(network)
-    candidates = (given.graph, estimating(given, "unit").graph)
-    graph = next((g for g in candidates if g is not None and g.names == run.names), None)
-    if graph is None:
-        raise FileFormatError(network, "is not the network of this run: the node names differ")
-    return graph
+    part = estimating(given, "unit")
+    for graph, measured in ((given.graph, given.network), (part.graph, part.network)):
+        if graph is not None and graph.names == run.names:
+            places = None if measured is None else measured.positions
+            return graph, places if places is not None and np.isfinite(places).all() else None
+    raise FileFormatError(network, "is not the network of this run: the node names differ")
 
 
-def _rate(run: Run) -> float | None:
-    rate = run.attributes.get("guaranteed_rate")
-    return rate if isinstance(rate, float) and rate > 0 else None
+def _page(run: Run, title: str, graph: MeasurementGraph | None, places: FloatArray | None) -> Page:
+    rate, name = rate_of(run) or (None, "")
+    return run_page(run, title=title, graph=graph, positions=places, rate=rate, rate_name=name)
 
 
-def _scene(run: Run, graph: MeasurementGraph, rate: float | None) -> Scene:
+def _staging(run: Run, graph: MeasurementGraph, places: FloatArray | None) -> Staging:
     """Arcs as they worked, nodes where they were: as far as the run's own scenario says so."""
+    rate, name = rate_of(run) or (None, "")
+    staged = Staging(places, rate=rate, rate_name=name)
     try:
         scenario = scenario_from_document(run.attributes["scenario"])
     except (KeyError, ProtocolError):
-        return Scene(rate=rate)  # a live run has none
+        return staged  # a live run has none
     topology = with_absences(graph, scenario.topology, scenario.absences)
     active = None
     if topology is not None and topology.active.shape[1] == graph.n_arcs:
         active = np.array([topology.at(time) for time in run.times.tolist()])
-    axes = (0, 1) if scenario.motion is not None and run.truth.shape[2] >= 4 else None
-    return Scene(axes=axes, active=active, rate=rate)
+    moves = scenario.motion is not None and run.truth.shape[2] >= 4
+    return replace(staged, axes=(0, 1) if moves else None, active=active)

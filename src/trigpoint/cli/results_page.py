@@ -12,8 +12,8 @@ VERDICTS: tuple[Agreement, ...] = ("agrees", "erratum", "not specified", "differ
 _SIGNS: dict[Agreement, str] = {"agrees": "✓", "erratum": "⚠", "not specified": "·", "differs": "✗"}
 _LONG = 40
 _NOTHING = "\u2013"
-_COLUMNS = ("claim", "paper", "ours", "verdict", "remark")
-_ALIGN = ("left", "right", "right", "whole", "left")
+_COLUMNS = ("claim", "paper", "ours", "verdict", "note")
+_ALIGN = ("left", "right", "right", "whole", "right")
 _MEANING = (
     "✓ agrees: our number is the paper's to its printed digits, or what its statements give where it prints none. "
     "⚠ erratum: the paper's number or statement is known to be wrong; ours stands beside it. "
@@ -31,7 +31,7 @@ def results_page(results: Sequence[Reproduction]) -> Page:
     differing = sum(result.count("differs") for result in results)
     title = "The papers' numbers beside ours" if len(results) > 1 else results[0].source
     subtitle = f"{len(results)} experiment{'s' if len(results) > 1 else ''}, {total} claims, {differing} of them differ"
-    return Page(title, subtitle, tuple(sections))
+    return Page(title, subtitle, tuple(sections), contents=len(results) > 1)
 
 
 def shown(cell: Cell, digits: int) -> tuple[str, str, str]:
@@ -78,12 +78,14 @@ def _section(result: Reproduction) -> Section:
 
 
 def _table(result: Reproduction) -> Table:
+    """The claims; each remark once, below, with its number beside every claim that it belongs to."""
     rows: list[tuple[object, ...]] = []
+    notes = list(dict.fromkeys(cell.note for cell in result.cells if cell.note))
     for cell in result.cells:
         values = shown(cell, 6)[:2] if cell.is_statement else (cell.paper, cell.ours)
         sign = f"{_SIGNS[cell.verdict]} {cell.verdict}"
-        rows.append((cell.at, *values, sign, cell.note))
+        rows.append((cell.at, *values, sign, str(notes.index(cell.note) + 1) if cell.note else ""))
     many = len(rows) > _LONG
-    width = len(_COLUMNS) if any(cell.note for cell in result.cells) else len(_COLUMNS) - 1
+    width = len(_COLUMNS) if notes else len(_COLUMNS) - 1
     caption = f"all {len(rows)} numbers" if many else ""
-    return Table(_COLUMNS[:width], [row[:width] for row in rows], caption, _ALIGN[:width], folded=many)
+    return Table(_COLUMNS[:width], [row[:width] for row in rows], caption, _ALIGN[:width], folded=many, notes=notes)

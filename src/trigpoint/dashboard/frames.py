@@ -57,7 +57,6 @@ _HEAD = np.dtype(
 )  # fmt: skip
 _FLOAT = np.dtype("<f4")
 _TRACE_POINTS = 2000
-_ALIGNED = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +164,7 @@ def topology_message(scene: Scene, names: tuple[str, ...], **known: Any) -> dict
         raise ShapeError(f"graph has {graph.n_nodes} nodes; the run has {len(names)}")
     if scene.rate is not None and not (np.isfinite(scene.rate) and scene.rate > 0.0):
         raise ArgumentError(f"rate must be a positive number or None; got {scene.rate}")
-    places = _straight(graph) if scene.positions is None else _checked_places(graph, scene.positions)
+    places = node_positions(graph) if scene.positions is None else _checked_places(graph, scene.positions)
     return {
         "type": "topology",
         "version": VERSION,
@@ -207,19 +206,6 @@ def or_null(values: FloatArray) -> list[float | None]:
 def number_or_null(value: float) -> float | None:
     """Return the number, None where JSON does not have it."""
     return float(value) if np.isfinite(value) else None
-
-
-def _straight(graph: MeasurementGraph) -> FloatArray:
-    """Places by hops, turned so that a grid lies along the axes: arcs mostly at right angles share one angle mod 90."""
-    places = node_positions(graph)
-    pairs = arc_pairs(graph)[0]
-    ways = np.diff(places[pairs], axis=1)[:, 0] @ np.array([1.0, 1.0j])
-    ways = ways[np.abs(ways) > 0.0]
-    mean = ((ways / np.abs(ways)) ** 4).mean() if ways.size else 0.0
-    if abs(mean) < _ALIGNED:
-        return places
-    turned = (places @ np.array([1.0, 1.0j])) * np.exp(-0.25j * np.angle(mean))
-    return np.column_stack([turned.real, turned.imag])
 
 
 def _checked_places(graph: MeasurementGraph, positions: ArrayLike) -> FloatArray:

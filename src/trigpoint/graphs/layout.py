@@ -12,13 +12,15 @@ from trigpoint.graphs import MeasurementGraph
 
 _PIVOTS = 40
 _REFINED = 150
+_ALIGNED = 0.5
 
 
 def node_positions(graph: MeasurementGraph) -> FloatArray:
     """Return (N, 2) drawing positions, arcs about one unit long; the same for the same graph.
 
     Every component is placed by pivot multidimensional scaling of its hop distances (O(N + M) for each of 40 pivots);
-    up to 150 nodes Kamada and Kawai's springs refine it. Components stand side by side, the largest first.
+    up to 150 nodes Kamada and Kawai's springs refine it. A component whose arcs stand mostly at right angles is turned
+    along the axes, so that a grid is a square and no diamond. Components stand side by side, the largest first.
 
     Source: Brandes, Pich, *Eigensolver methods for progressive multidimensional scaling of large data* (2007),
     key BrandesPich2007.
@@ -61,6 +63,7 @@ def _place_component(adjacency: sp.csr_array) -> FloatArray:
         start = {k: tuple(places[k]) for k in range(n)}
         refined = nx.kamada_kawai_layout(nx.from_scipy_sparse_array(adjacency), pos=start)
         places = _unit_arcs(_upright(np.array([refined[k] for k in range(n)])), adjacency)
+    places = _straight(places, adjacency)
     return np.asarray(places - places.min(axis=0), dtype=np.float64)
 
 
@@ -93,10 +96,32 @@ def _pivot_scaling(distances: FloatArray) -> FloatArray:
 
 
 def _upright(places: FloatArray) -> FloatArray:
-    """Turn the longest extent to the horizontal and node 0 to the upper left, as one reads."""
+    """Turn the longest extent to the horizontal and node 0 to the upper left."""
     centred = places - places.mean(axis=0)
     _, vectors = np.linalg.eigh(centred.T @ centred)
-    turned = centred @ vectors[:, ::-1]
+    return _mirrored(centred @ vectors[:, ::-1])
+
+
+def _straight(places: FloatArray, adjacency: sp.csr_array) -> FloatArray:
+    """Turn arcs along the axes where most share one angle modulo a right angle: the mean of their fourth powers.
+
+    The longest extent alone does not say how a square is to stand, since it has none.
+    """
+    rows, columns = adjacency.nonzero()
+    ways = (places[columns] - places[rows]) @ np.array([1.0, 1.0j])
+    ways = ways[np.abs(ways) > 0.0]
+    mean = ((ways / np.abs(ways)) ** 4).mean() if ways.size else 0.0
+    if abs(mean) < _ALIGNED:
+        return places
+    centred = (places - places.mean(axis=0)) @ np.array([1.0, 1.0j])
+    turned = centred * np.exp(-0.25j * np.angle(mean))
+    if np.ptp(turned.imag) > (1.0 + 1e-6) * np.ptp(turned.real):
+        turned = turned * 1.0j
+    return _mirrored(np.column_stack([turned.real, turned.imag]))
+
+
+def _mirrored(turned: FloatArray) -> FloatArray:
+    """Node 0 to the upper left, as one reads."""
     signs = np.where(turned[0] * np.array([-1.0, 1.0]) < 0.0, -1.0, 1.0)
     return np.asarray(turned * signs, dtype=np.float64)
 

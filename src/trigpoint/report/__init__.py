@@ -4,16 +4,16 @@ Importing this package loads neither matplotlib nor jinja2; the first figure or 
 """
 
 from trigpoint.graphs.layout import node_positions
+from trigpoint.report._facts import rate_of
 from trigpoint.report.figures import (
     ANIMATIONS,
-    Scene,
+    Staging,
     animation,
     connectivity_figure,
     curves_figure,
     error_figure,
     network_figure,
     pictures_figure,
-    series_figure,
     trajectory_figure,
 )
 from trigpoint.report.live_page import live_page
@@ -24,8 +24,8 @@ __all__ = [
     "ANIMATIONS",
     "Figure",
     "Page",
-    "Scene",
     "Section",
+    "Staging",
     "Table",
     "animation",
     "connectivity_figure",
@@ -35,8 +35,8 @@ __all__ = [
     "network_figure",
     "node_positions",
     "pictures_figure",
+    "rate_of",
     "render",
     "run_page",
-    "series_figure",
     "trajectory_figure",
 ]

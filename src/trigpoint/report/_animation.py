@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.report import _engines
-from trigpoint.report._scene import Scene
+from trigpoint.report._staging import Staging
 from trigpoint.report._text import printable
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def animation(
     graph: MeasurementGraph,
     kind: Kind,
     *,
-    scene: Scene | None = None,
+    staging: Staging | None = None,
     frames: int = 100,
     rate: float = 20.0,
     title: str = "",
@@ -89,7 +89,7 @@ def animation(
         graph: its network.
         kind: ``gif``; ``mp4`` (needs the program ffmpeg); ``html`` (one file that plays itself and asks nothing of any
             host).
-        scene: what is shown; see ``Scene``.
+        staging: what is shown; see ``Staging``.
         frames: how many, evenly among the samples.
         rate: frames a second.
         title: a line above the picture.
@@ -113,7 +113,7 @@ def animation(
         )
     program = _ffmpeg() if kind == "mp4" else ""
     shown = np.unique(np.linspace(0, run.times.size - 1, min(frames, run.times.size)).round().astype(int))
-    pictures = _pictures(run, graph, scene or Scene(), shown.tolist(), "" if kind == "html" else printable(title))
+    pictures = _pictures(run, graph, staging or Staging(), shown.tolist(), "" if kind == "html" else printable(title))
     if kind == "gif":
         return _gif(pictures, rate)
     if kind == "mp4":
@@ -122,7 +122,7 @@ def animation(
 
 
 def _pictures(
-    run: Run, graph: MeasurementGraph, scene: Scene, shown: list[int], title: str
+    run: Run, graph: MeasurementGraph, staging: Staging, shown: list[int], title: str
 ) -> list[NDArray[np.uint8]]:  # fmt: skip
     """(height, width, 3) of every frame; even numbers of both, as MP4 wants them."""
     with _engines.styled() as new_figure:
@@ -130,7 +130,7 @@ def _pictures(
 
         figure = new_figure(figsize=(9.0, 4.4), dpi=100, facecolor="white")
         canvas: Any = FigureCanvasAgg(figure)
-        update = scene.on(figure, run, graph, title)
+        update = staging.on(figure, run, graph, title)
         found = []
         for k in shown:
             update(k)

@@ -14,11 +14,18 @@ from trigpoint.report import _engines
 from trigpoint.report._text import printable, shortened
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _SIZE = (6.8, 3.2)
 _COLOURS = (_engines.BLUE, _engines.ACCENT, "#2f7d4f", "#7b4fa3", "#b58900", "#0f8b8d", "#a3354a", "#5f6b76")
-_DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)))
+_DASHES = ("-", (0, (5, 2.5)), (0, (1, 1.8)), (0, (6, 2, 1, 2)), (0, (9, 3)))
+_WIDTHS = (2.6, 1.7, 1.7, 1.5, 1.3)
+_ALONE = 1.7
+_MARKERS = ("o", "x", "s", "+", "^")
+_FEW = 12
+_INSIDE = 4
+_LARGEST = 1e100  # matplotlib's ticks for more overflow
 _COLUMNS = 4
 _WIDTH = 6.8
 
@@ -31,29 +38,30 @@ def curves_figure(
     y_label: str = "",
     title: str = "",
     log_y: bool = False,
+    events: Sequence[float] = (),
 ) -> str:
-    """Draw curves over one axis and return the SVG text; a NaN leaves a gap.
+    """Draw curves over one axis and return the SVG text; what is not finite leaves a gap.
+
+    Curves that coincide stay visible: the first is wide and whole, those over it are thinner and broken.
 
     Args:
-        x: (K,) ascending places, at least two.
+        x: (K,) ascending places, K >= 1.
         lines: name and (K,) values of each curve; up to about eight can be told apart.
         x_label: what ``x`` is.
-        y_label: what the values are.
+        y_label: what the values are, with their unit.
         title: stands above the picture.
         log_y: logarithmic vertical axis; values that are not positive are left out.
+        events: places to mark with a vertical line.
 
     Raises:
-        ShapeError: ``x`` and a curve are not vectors of one length.
-        ArgumentError: no curve, or fewer than two places.
+        ShapeError: a curve has another length than ``x``.
+        ArgumentError: no curve, no place, or places that are not finite.
         MissingExtraError: matplotlib is not installed.
     """
-    places = as_floats("x", x)
-    curves = {str(name): np.asarray(values, dtype=float) for name, values in lines.items()}
-    if not curves or places.ndim != 1 or places.size < 2:
-        raise ArgumentError(f"a figure needs a curve over at least two places; got {len(curves)} over {places.shape}")
-    for name, values in curves.items():
-        if values.shape != places.shape:
-            raise ShapeError(f"curve {name!r} has shape {values.shape}; x has {places.shape}")
+    places, marks = as_floats("x", x), as_floats("events", list(events))
+    if not lines or places.ndim != 1 or not places.size:
+        raise ArgumentError(f"a figure needs a curve over at least one place; got {len(lines)} over {places.shape}")
+    curves = {str(name): _shown(str(name), places, values, log_y=log_y) for name, values in lines.items()}
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
@@ -63,19 +71,54 @@ def curves_figure(
         axes.grid(visible=True, which="major")
         axes.set_axisbelow(True)
         axes.margins(x=0.01)
-        for k, (name, values) in enumerate(curves.items()):
-            shown = np.where(values > 0.0, values, np.nan) if log_y else values
-            few = "o" if places.size <= 12 else ""
-            colour, dash = _COLOURS[k % len(_COLOURS)], _DASHES[k // len(_COLOURS) % len(_DASHES)]
-            axes.plot(places, shown, color=colour, ls=dash, lw=1.5, marker=few, ms=3.5, label=shortened(name, 40))
-        if log_y and any((values > 0.0).any() for values in curves.values()):
+        known = np.concatenate([values[np.isfinite(values)] for values in curves.values()])
+        if not known.size:
+            axes.text(0.5, 0.5, "nothing is known", ha="center", transform=axes.transAxes)
+            axes.set_yticks([])
+            return
+        for k, values in enumerate(curves.values()):
+            _draw(axes, places, values, k, _ALONE if len(curves) == 1 else _WIDTHS[k % len(_WIDTHS)])
+        for mark in marks.tolist():
+            axes.axvline(mark, color=_engines.MUTED, lw=0.8, ls=":")
+        if log_y:
             axes.set_yscale("log")
-        if len(curves) > 1:
-            legend = figure.legend(loc="outside right upper") if len(curves) > 4 else axes.legend(loc="best")
-            for text in legend.get_texts():
-                text.set_parse_math(False)
+            _engines.plain_ticks(axes, float(known.min()), float(known.max()))
+        _name(figure, axes, list(curves))
 
     return _engines.draw(_SIZE, title or y_label or "Curves", paint)
+
+
+def _shown(name: str, places: FloatArray, line: ArrayLike, *, log_y: bool) -> FloatArray:
+    values = np.array(line, dtype=np.float64)
+    if values.shape != places.shape:
+        raise ShapeError(f"curve {name!r} has shape {values.shape}; x has {places.shape}")
+    shown = np.isfinite(values) & (np.abs(values) < _LARGEST)
+    if log_y:
+        shown &= values > 1.0 / _LARGEST
+    return np.where(shown, values, np.nan)
+
+
+def _draw(axes: Axes, places: FloatArray, values: FloatArray, k: int, width: float) -> None:
+    few = places.size <= _FEW
+    turn = k % len(_DASHES)
+    axes.plot(
+        places, values, color=_COLOURS[k % len(_COLOURS)], ls=_DASHES[turn], lw=width,
+        marker=_MARKERS[turn] if few else "", ms=5.5 if turn else 4.0, mfc="none" if turn else None,
+    )  # fmt: skip
+
+
+def _name(figure: Figure, axes: Axes, names: list[str]) -> None:
+    """A legend where there is something to tell apart; outside where it would cover the curves."""
+    if len(names) == 1:
+        return
+    drawn, blank = axes.get_lines()[: len(names)], ["line"] * len(names)
+    if len(names) > _INSIDE:
+        legend = figure.legend(drawn, blank, loc="outside right upper", handlelength=3.2)
+    else:
+        legend = axes.legend(drawn, blank, loc="best", handlelength=3.2)
+    for text, name in zip(legend.get_texts(), names, strict=True):
+        text.set_parse_math(False)
+        text.set_text(shortened(name, 40))
 
 
 def pictures_figure(

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
 from trigpoint.errors import MissingExtraError
-from trigpoint.report._text import NOTHING, printable
+from trigpoint.report._text import NOTHING, number, printable
 
 if TYPE_CHECKING:
     from jinja2 import Template
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 INK = "#1b2733"
@@ -49,6 +50,7 @@ _STYLE: dict[Any, Any] = {
 }
 _PROLOGUE = re.compile(r"\A.*?(?=<svg\b)", re.DOTALL)
 _COUNTED_ID = re.compile(r' id="[A-Za-z0-9]+_\d+"')  # figure_1, axes_1, ...: never referred to, not unique on a page
+_KEY = re.compile(r"\bE-\d+-\d+\b")  # an erratum of the papers
 _TRAILING = re.compile(r"[ \t]+$", re.MULTILINE)
 
 
@@ -89,11 +91,25 @@ def _embeddable(svg: str, label: str) -> str:
     return svg.replace("<svg ", f'<svg role="img" aria-label={quoteattr(printable(label))} ', 1)
 
 
+def plain_ticks(axes: Axes, low: float, high: float) -> None:
+    """Label a logarithmic vertical axis from ``low`` to ``high``, both positive, as people write numbers.
+
+    Less than two decades get 1, 2 and 5 of each, less than a half one evenly spaced places; more get powers of ten
+    with unlabelled ticks between them.
+    """
+    from matplotlib.ticker import AutoLocator, FuncFormatter, LogLocator, NullFormatter
+
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    if high < 100.0 * low:
+        axes.yaxis.set_major_locator(AutoLocator() if high < 3.0 * low else LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 4)))
+
+
 def page_template() -> Template:
     """Return the page's template; everything written into it is escaped, unknown names are errors."""
     try:
         import jinja2
-        from markupsafe import Markup
+        from markupsafe import Markup, escape
     except ImportError as error:
         raise MissingExtraError("jinja2", "report", "rendering a page") from error
 
@@ -101,6 +117,10 @@ def page_template() -> Template:
         if value is None:
             return NOTHING
         return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+    def unbroken(text: str) -> Markup:
+        marked = _KEY.sub(r'<span class="whole">\g<0></span>', str(escape(printable(text))))
+        return Markup(marked)  # escaped above
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("trigpoint.report", "templates"),
@@ -111,4 +131,5 @@ def page_template() -> Template:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    environment.filters["unbroken"] = unbroken
     return environment.get_template("page.html")

@@ -147,4 +147,5 @@ def _error_range(axes: Axes, norm: FloatArray, points: list[tuple[float, float, 
     low = float(np.clip(low - room, -_DECADES, _DECADES - 1.0))
     high = float(np.clip(high + room, low + 1.0, _DECADES))
     axes.set_ylim(10.0**low, 10.0**high)
+    _engines.plain_ticks(axes, 10.0**low, 10.0**high)
     axes.margins(x=0.02)

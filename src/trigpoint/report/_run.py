@@ -93,18 +93,13 @@ def _stretches(where: BoolArray) -> list[tuple[int, int]]:
 
 
 def _plain_ticks(axes: Axes, several: Mapping[str, FloatArray], gain: float | None) -> None:
-    """Less than two decades have numbers on their minor ticks, written as people write them."""
-    from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
-
+    """The vertical axis over what is drawn; without numbers where nothing is."""
     sizes = [1.0 / values[values > 0.0] for values in several.values()]
     levels = np.concatenate([*sizes, [] if gain is None else [gain]])
     if not levels.size:
         axes.set_yticks([])
         return
-    if levels.max() < 100.0 * levels.min():
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter(ScalarFormatter())
-        axes.yaxis.set_minor_formatter(NullFormatter())
+    _engines.plain_ticks(axes, float(levels.min()), float(levels.max()))
 
 
 def trajectory_figure(

@@ -5,18 +5,16 @@ from trigpoint.report._curves import curves_figure, pictures_figure
 from trigpoint.report._error import error_figure
 from trigpoint.report._network import network_figure
 from trigpoint.report._run import connectivity_figure, trajectory_figure
-from trigpoint.report._scene import Scene
-from trigpoint.report._series import series_figure
+from trigpoint.report._staging import Staging
 
 __all__ = [
     "ANIMATIONS",
-    "Scene",
+    "Staging",
     "animation",
     "connectivity_figure",
     "curves_figure",
     "error_figure",
     "network_figure",
     "pictures_figure",
-    "series_figure",
     "trajectory_figure",
 ]

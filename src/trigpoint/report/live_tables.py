@@ -66,7 +66,8 @@ def events_section(log: Log, run: Run, again: Mapping[str, Sequence[float]]) -> 
         for time, node, text in rows[:_ROWS]
     ]
     table = Table(("time [s]", "node", "what"), cells, align=("right", "left", "left"))
-    return Section("Events", _more(len(rows), "events"), (table,))
+    before = "Times before 0 are before every node was known." if rows[0][0] < 0.0 else ""
+    return Section("Events", "\n\n".join([_more(len(rows), "events"), before]), (table,))
 
 
 def nodes_section(log: Log, run: Run, again: Mapping[str, Sequence[float]], unit: str) -> Section:

@@ -33,6 +33,7 @@ class Table:
         align: ``left``, ``right`` or ``whole`` (left, never broken over lines) a column; None: right where a column
             holds numbers only, else left.
         folded: shown when its caption is clicked; printed in any case.
+        notes: numbered lines below the table.
     """
 
     columns: Sequence[str]
@@ -40,6 +41,7 @@ class Table:
     caption: str = ""
     align: Sequence[str] | None = None
     folded: bool = False
+    notes: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         """Every row has one cell a column."""
@@ -108,11 +110,12 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole page: ``title``, ``subtitle`` and ``sections``."""
+    """A whole page: ``title``, ``subtitle`` and ``sections``; a table of ``contents`` leads to each of them."""
 
     title: str
     subtitle: str
     sections: Sequence[Section]
+    contents: bool = False
 
 
 def render(page: Page) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.graphs import MeasurementGraph
+from trigpoint.report._facts import fact_rows
 from trigpoint.report._text import number, shortened
 from trigpoint.report.figures import connectivity_figure, error_figure, network_figure, trajectory_figure
 from trigpoint.report.page import Figure, Page, Section, Table
@@ -28,6 +29,7 @@ def run_page(
     graph: MeasurementGraph | None = None,
     positions: ArrayLike | None = None,
     rate: float | None = None,
+    rate_name: str = "guaranteed rate",
     unit: str = "",
 ) -> Page:
     """Describe a recorded run: summary, error over time, the network (where given) and every node's final error.
@@ -39,7 +41,8 @@ def run_page(
         title: the page's title.
         graph: the network; it is drawn with each node's final error.
         positions: (N, 2) or (N, 3) places of the nodes.
-        rate: certified decay rate, 1/s; drawn beside the error.
+        rate: decay rate, 1/s; drawn beside the error.
+        rate_name: what ``rate`` is.
         unit: unit of the state, written beside the errors.
 
     Samples with a NaN (a node that had not started) are left out of the error figure. The table of nodes ends after
@@ -58,8 +61,8 @@ def run_page(
     count = len(run.names)
     subtitle = f"{_count(count, 'node')}, {_count(run.times.shape[0], 'sample')}, {_span(run)}, engine {run.path}"
     sections = [
-        Section("Summary", items=(_summary(run, final, rate, unit),)),
-        _error_section(run, rate, unit),
+        Section("Summary", items=(_summary(run, final, rate, rate_name, unit),)),
+        _error_section(run, rate, rate_name, unit),
     ]
     if run.lambda_min is not None:
         sections.append(_connectivity_section(run))
@@ -94,7 +97,7 @@ def _finite_samples(run: Run) -> tuple[FloatArray, FloatArray]:
     return run.times[keep], norm[keep]
 
 
-def _summary(run: Run, final: FloatArray, rate: float | None, unit: str) -> Table:
+def _summary(run: Run, final: FloatArray, rate: float | None, rate_name: str, unit: str) -> Table:
     norm = run.error_norm
     largest = int(np.nanargmax(final)) if np.isfinite(final).any() else None
     level = 0.01 * float(norm[0])
@@ -105,25 +108,19 @@ def _summary(run: Run, final: FloatArray, rate: float | None, unit: str) -> Tabl
         ("time to 1 % of the first error [s]", _four(run.time_to(level) if level > 0.0 else None)),
         ("measured decay rate [1/s]", _four(measured)),
     ]
-    if rate is not None:
-        rows.append(("certified decay rate [1/s]", _four(rate)))
+    if rate is not None and rate != run.attributes.get("guaranteed_rate"):
+        rows.append((f"{rate_name} [1/s]", _four(rate)))
     if largest is not None:
         rows.append((_of("largest final error of a node", unit), _four(final[largest])))
         rows.append(("node with the largest final error", shortened(run.names[largest], 80)))
     rows.append(("messages sent in all", int(run.messages[-1].sum())))
     relative = int((run.status[-1] == "relative").sum())
     rows.append(("nodes known only relatively at the end", relative))
-    rows.extend((shortened(str(key), 80), _attribute(value)) for key, value in run.attributes.items())
+    rows += fact_rows(run, unit)
     return Table(("quantity", "value"), tuple(rows), align=("left", "right"))
 
 
-def _attribute(value: object) -> object:
-    if value is None or isinstance(value, (bool, int, float, np.number)):
-        return value
-    return shortened(str(value), 60)
-
-
-def _error_section(run: Run, rate: float | None, unit: str) -> Section:
+def _error_section(run: Run, rate: float | None, rate_name: str, unit: str) -> Section:
     times, norm = _finite_samples(run)
     missing = run.times.shape[0] - times.shape[0]
     if not times.size:
@@ -133,10 +130,10 @@ def _error_section(run: Run, rate: float | None, unit: str) -> Section:
     marks = () if reached is None else ((reached, level, f"1 % after {number(reached, 3)} s"),)
     caption = "Euclidean norm of the whole network's error, estimate minus truth."
     if rate is not None:
-        caption += " The dashed line is the certified rate, from the first sample."
+        caption += f" The dashed line is the {rate_name}, from the first sample."
     if missing:
         caption += f" {_count(missing, 'sample')} with a node without an estimate left out."
-    svg = error_figure(times, norm, rate=rate, unit=unit, marks=marks)
+    svg = error_figure(times, norm, rate=rate, rate_label=rate_name, unit=unit, marks=marks)
     return Section("Error over time", items=(Figure(svg, caption),))
 
 
@@ -157,7 +154,7 @@ def _moves(run: Run) -> bool:
 
 
 def _network_section(graph: MeasurementGraph, positions: ArrayLike | None, final: FloatArray, unit: str) -> Section:
-    svg = network_figure(graph, positions, final, _of("final error", unit))
+    svg = network_figure(graph, positions, final, f"{_of('final error', unit)}, darker is worse")
     inner = graph.n_arcs - int(graph.is_external.sum())
     caption = (
         f"{_count(graph.n_nodes, 'node')}, {_count(inner, 'internal arc')} and "

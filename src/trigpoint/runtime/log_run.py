@@ -34,7 +34,8 @@ def run_of(log: Log, *, times: ArrayLike | None = None, away_after: float | None
     """The tables of a ``log`` on one grid of instants, time 0 being the first of them.
 
     The grid are the instants of the truth, or, without a truth, as many instants as a node has estimates, evenly: from
-    the first estimate to the last instant before the nodes that are there at the end fall silent, one by one. An
+    the first at which every node is known (see ``first_known``), as ``trigpoint run`` counts, to the last one before
+    the nodes that are there at the end fall silent, one by one. Earlier instants are to be had by ``times``. An
     estimate between two of one process is interpolated by the cubic through both with the slopes of their neighbours,
     since holding the earlier one would show an error of age times ``||A z||`` that the node does not have; where the
     next is missing, the last is held. Truth is taken where it was published, and is NaN elsewhere.
@@ -51,7 +52,7 @@ def run_of(log: Log, *, times: ArrayLike | None = None, away_after: float | None
 
     Args:
         log: what ``read_log`` returned.
-        times: (T,) instants in the log's own seconds, instead of the grid.
+        times: (T,) instants in the log's own seconds, instead of the grid; all of them are kept.
         away_after: seconds of silence after which a node counts as away.
 
     Returns:
@@ -91,8 +92,29 @@ def run_of(log: Log, *, times: ArrayLike | None = None, away_after: float | None
             status[present, k] = np.where(anchored, "anchored", "relative")
             estimate[present, k, :size] = _between(series, grid[present], last[present], silence)
             estimate[present, k, size:] = 0.0
-    attributes = {**log.attributes, "start": float(grid[0]) if grid.size else 0.0, "network": log.network}
-    return Run(frozen(grid - grid[:1]), truth, estimate, messages, status, log.names, "live", attributes)
+    run = Run(frozen(grid), truth, estimate, messages, status, log.names, "live", log.attributes)
+    return _from(run, (first_known(run) or 0) if times is None else 0, log.network)
+
+
+def first_known(run: Run) -> int | None:
+    """Number of the first sample at which every node of ``run`` is known, or has been: its estimate, and its truth.
+
+    Nodes that never speak do not count, nor does the truth of a node that has none. None where nobody ever is known.
+    It decides where the run of a log and its report begin: before, an error would be that of part of the network.
+    """
+    truth = np.isfinite(run.truth).all(axis=2)
+    known = (run.status != "away") & (truth | ~truth.any(axis=0))
+    ever = known.any(axis=0)
+    return int(known[:, ever].argmax(axis=0).max()) if ever.any() else None
+
+
+def _from(run: Run, first: int, network: str) -> Run:
+    """The samples from ``first`` on, time 0 being that one."""
+    rest = slice(first, None)
+    times = run.times[rest]
+    attributes = {**run.attributes, "start": float(times[0]) if times.size else 0.0, "network": network}
+    tables = run.truth[rest], run.estimate[rest], run.messages[rest], run.status[rest]
+    return Run(frozen(times - times[:1]), *tables, run.names, run.path, attributes)
 
 
 def restarts(series: Series) -> list[float]:

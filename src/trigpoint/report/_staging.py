@@ -14,29 +14,34 @@ from trigpoint.errors import ArgumentError, ShapeError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.graphs.layout import node_positions
 from trigpoint.report import _engines
-from trigpoint.report._text import printable
+from trigpoint.report._text import printable, shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import LineCollection, PathCollection
     from matplotlib.figure import Figure
+    from matplotlib.text import Annotation
 
     from trigpoint.observers.run import Run
 
 _DECADES = 6.0
 _NO_VALUE = "#c9ced4"
+_NAMED = 30
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Staging:
     """Choices for ``animation``.
 
     Args:
         positions: (N, 2) where the nodes are drawn; a layout of the graph unless given. Not with ``axes``.
         axes: two states that are a place in a plane: nodes are drawn where they are, with what they believe.
         active: (T, M) which arcs work at each sample; all unless given.
-        rate: certified decay rate, 1/s: a dashed line beside the error.
+        rate: decay rate, 1/s: a dashed line beside the error.
         unit: unit of the error.
+        rate_name: what ``rate`` is.
+
+    Fewer than 30 nodes have their names beside them.
     """
 
     positions: ArrayLike | None = None
@@ -44,6 +49,7 @@ class Scene:
     active: ArrayLike | None = None
     rate: float | None = None
     unit: str = ""
+    rate_name: str = "certified rate"
 
     def on(self, figure: Figure, run: Run, graph: MeasurementGraph, title: str) -> Callable[[int], None]:
         """Prepare ``figure`` for ``run`` on ``graph`` under ``title``; returns what draws a sample's frame."""
@@ -51,7 +57,7 @@ class Scene:
         left, right = figure.add_axes((0.02, 0.13, 0.45, 0.76)), figure.add_axes((0.67, 0.13, 0.31, 0.76))
         network = _Network(left, graph, places, believed, self._active(run, graph), _sizes(run))
         network.key(figure, self.unit)
-        curve = _Curve(right, run, self.rate, self.unit)
+        curve = _Curve(right, run, self)
         heading = figure.text(0.02, 0.95, "", fontsize=11.0, fontweight="bold", va="center")
         heading.set_parse_math(False)
 
@@ -133,12 +139,15 @@ class _Network:
             start[:, 0], start[:, 1], c=np.full(len(start), low), norm=norm, s=diameter**2, zorder=4, lw=0.5,
             cmap=colormaps["cividis_r"].with_extremes(bad=_NO_VALUE), edgecolors=_engines.INK,
         )  # fmt: skip
+        self._names = _named(panel, graph, start, diameter)
         _frame(panel, places)
 
     def key(self, figure: Figure, unit: str) -> None:
         """The colours' meaning, beside the panel."""
         bar: Any = figure.colorbar(self._nodes, cax=figure.add_axes((0.49, 0.13, 0.012, 0.76)))
-        bar.set_label(printable(f"error [{unit}]" if unit else "error"), parse_math=False)
+        bar.set_label(
+            printable(f"error [{unit}], darker is worse" if unit else "error, darker is worse"), parse_math=False
+        )
         bar.outline.set_visible(False)
 
     def show(self, sample: int) -> None:
@@ -147,11 +156,30 @@ class _Network:
         self._lines.set_segments(list(place[self._pairs[works[self._inner]]]))
         self._ring.set_offsets(place[np.unique(self._anchored[works[self._outer]])])
         self._nodes.set_offsets(place)
+        for name, (x, y) in zip(self._names, place.tolist(), strict=False):
+            name.xy = (x, y)
         size = self._sizes[sample]
         self._nodes.set_array(np.ma.masked_invalid(np.maximum(size, self._floor)))
         if self._believed is not None:
             ends = np.stack([place, self._believed[sample]], axis=1)
             self._gaps.set_segments(list(ends[np.isfinite(ends).all(axis=(1, 2))]))
+
+
+def _named(panel: Axes, graph: MeasurementGraph, places: FloatArray, diameter: float) -> list[Annotation]:
+    """The names of few nodes, each to the upper right, where the arcs of a grid leave room; none of many."""
+    if graph.n_nodes >= _NAMED:
+        return []
+    look: dict[str, Any] = {
+        "xytext": (0.45 * diameter + 1.5, 0.45 * diameter + 1.5),
+        "textcoords": "offset points",
+        "fontsize": 7.5,
+        "zorder": 5,
+        "parse_math": False,
+        "annotation_clip": False,
+        "bbox": {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.7},
+    }
+    pairs = zip(graph.names, places.tolist(), strict=True)
+    return [panel.annotate(shortened(name, 16), (x, y), **look) for name, (x, y) in pairs]
 
 
 def _frame(panel: Axes, places: FloatArray) -> None:
@@ -168,9 +196,10 @@ def _frame(panel: Axes, places: FloatArray) -> None:
 
 
 class _Curve:
-    """The right panel: the error norm so far, the rest pale, and the certified rate."""
+    """The right panel: the error norm so far, the rest pale, and the rate."""
 
-    def __init__(self, panel: Axes, run: Run, rate: float | None, unit: str) -> None:
+    def __init__(self, panel: Axes, run: Run, staging: Staging) -> None:
+        rate, unit = staging.rate, staging.unit
         norm = run.error_norm
         positive = norm > 0.0
         self._times, self._norm = run.times, np.where(positive, norm, np.nan)
@@ -185,11 +214,13 @@ class _Curve:
         if positive.any():
             low, high = float(norm[positive].min()), float(norm[positive].max())
             panel.set_ylim(low / 1.6, high * 1.6)
+            _engines.plain_ticks(panel, low / 1.6, high * 1.6)
         if rate is not None and rate > 0.0 and positive[0]:
             line = norm[0] * np.exp(-np.minimum(rate * (run.times - run.times[0]), 600.0))
-            label = f"certified rate, {rate:.4g} 1/s"
-            panel.plot(run.times, line, color=_engines.ACCENT, lw=1.3, ls=(0, (5, 3)), label=label, zorder=4)
-            panel.legend(loc="upper right")
+            panel.plot(run.times, line, color=_engines.ACCENT, lw=1.3, ls=(0, (5, 3)), label="rate", zorder=4)
+            (text,) = panel.legend(loc="upper right").get_texts()
+            text.set_parse_math(False)
+            text.set_text(printable(f"{staging.rate_name}, {rate:.4g} 1/s"))
 
     def show(self, sample: int) -> None:
         """Draw one sample."""
