@@ -1,5 +1,6 @@
 """Messages, frames, commands and the playback value: pure, so tested without a server."""
 
+import dataclasses
 import json
 import math
 import struct
@@ -187,6 +188,8 @@ def test_the_rate_is_the_one_that_the_run_was_made_with():
     run = recorded(attributes={"guaranteed_rate": 0.25})
     assert ReplayFeed(run, Scene(graphs.chain(4))).topology()["rate"] == 0.25
     assert ReplayFeed(run, Scene(graphs.chain(4), rate=0.5)).topology()["rate"] == 0.5
+    live = ReplayFeed(dataclasses.replace(run, path="live"), Scene(graphs.chain(4))).topology()
+    assert (live["rate"], live["rate_name"]) == (0.25, "designed rate, no delay")
     assert ReplayFeed(recorded(attributes={"guaranteed_rate": 0.0}), Scene(graphs.chain(4))).topology()["rate"] is None
 
 

@@ -15,7 +15,7 @@ from trigpoint.arrays import FloatArray
 from trigpoint.cli.compose import estimating, kind_of, read
 from trigpoint.cli.live import LiveRun
 from trigpoint.cli.shell import HOLDS, Json, emit, guarded, notice
-from trigpoint.dashboard import Event, LiveFeed, ReplayFeed, Scene, live_app, page_url, serve, serving
+from trigpoint.dashboard import DESIGNED, Event, LiveFeed, ReplayFeed, Scene, live_app, page_url, serve, serving
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.graphs import EXTERNAL, MeasurementGraph
 from trigpoint.io import load
@@ -171,7 +171,7 @@ def attached(folder: Path) -> Iterator[LiveFeed]:
 def _live_scene(programs: Sequence[LocalObserver], settings: NodeSettings) -> Scene:
     names = [program.name for program in programs]
     links = links_of(names, {program.name: program.hears for program in programs}, anchored_by(programs))
-    return Scene(links, settings.network, rate=settings.decay_rate or None)
+    return Scene(links, settings.network, rate=settings.decay_rate or None, rate_name=DESIGNED)
 
 
 def _silent_after(settings: NodeSettings) -> float:

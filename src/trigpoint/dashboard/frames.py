@@ -55,6 +55,8 @@ _HEAD = np.dtype(
         ("norm", "<f4"), ("traffic", "<f4"), ("missed", "<f4"), ("rejected", "<f4"),
     ]
 )  # fmt: skip
+DESIGNED = "designed rate, no delay"
+"""What the rate of a live run's design is: it holds for exchange without delay, so here it is no guarantee."""
 _FLOAT = np.dtype("<f4")
 _TRACE_POINTS = 2000
 

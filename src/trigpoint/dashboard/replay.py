@@ -11,6 +11,7 @@ import numpy as np
 from trigpoint.arrays import FloatArray
 from trigpoint.dashboard.feed import Event, changes
 from trigpoint.dashboard.frames import (
+    DESIGNED,
     STATES,
     UNKNOWN,
     Moment,
@@ -69,7 +70,7 @@ class ReplayFeed:
             raise ArgumentError("the run has no samples: there is nothing to replay")
         rate = run.attributes.get("guaranteed_rate")
         if scene.rate is None and isinstance(rate, float) and np.isfinite(rate) and rate > 0.0:
-            scene = replace(scene, rate=rate)
+            scene = replace(scene, rate=rate, rate_name=DESIGNED if run.path == "live" else scene.rate_name)
         self.names = run.names
         self._run = run
         self._start = Playback.start(run.times, speed)
