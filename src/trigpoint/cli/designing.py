@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from trigpoint.analysis import diagnose
-from trigpoint.arrays import digest_of
+from trigpoint.arrays import at_least, at_most, digest_of
 from trigpoint.certificates import Certificate, certify, verify
 from trigpoint.cli.asked import Asked, claims_for
 from trigpoint.cli.choices import label_of, method_of
@@ -71,8 +71,8 @@ def design_command(
     bound = observer.facts.get("gain_bound")
     if isinstance(observer, DiffusiveObserver) and bound is not None and observer.decay_rate <= 0.0:
         notice(
-            f"no decay is guaranteed at gain {observer.gain:.6g}; every gain above 1/lambda_min = {bound:.6g} suffices "
-            "(Theorem 4; --gain from-graph takes one)"
+            f"no decay is guaranteed at gain {observer.gain:.6g}; every gain above 1/lambda_min = {at_most(bound)} "
+            "suffices (Theorem 4; --gain from-graph takes one)"
         )
     problem = served(part.problem, observer)
     certificate = certify(problem, observer) if with_certificate else None
@@ -122,7 +122,7 @@ def _show(observer: NetworkObserver, certificate: Certificate | None, marks: int
     table.add_row("estimating nodes", f"{len(observer.names)}" + (f" ({marks} known)" if marks else ""))
     if isinstance(observer, DiffusiveObserver):
         table.add_row("gain", f"{observer.gain:.10g}  ({observer.facts.get('gain_rule', 'given')})")
-    rate = f"{observer.decay_rate:.6g} /s" if observer.decay_rate > 0 else "none (no decay is guaranteed)"
+    rate = f"{at_least(observer.decay_rate)} /s" if observer.decay_rate > 0 else "none (no decay is guaranteed)"
     table.add_row("guaranteed decay rate", rate)
     if observer.spectral_abscissa is not None:
         table.add_row("computed spectral abscissa", f"{observer.spectral_abscissa:.6g} /s")

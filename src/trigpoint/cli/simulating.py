@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from trigpoint.analysis import diagnose
+from trigpoint.arrays import at_least
 from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import Estimating, Given, Stated, changed, instants, part_of, read_any
 from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Rate, Weights, served
@@ -191,7 +192,7 @@ def _show(run: Run, observer: NetworkObserver, given: Given | Stated, out: Path 
     reached, sampled = values["time_to_1_percent"], run.attributes["period"] is not None
     table.add_row("time to 1 %", "not reached" if reached is None else f"{reached:.4g} s")
     measured = values["decay_rate_measured"]
-    promise = f"guaranteed {observer.decay_rate:.5g} /s" + (" for continuous exchange only" if sampled else "")
+    promise = f"guaranteed {at_least(observer.decay_rate, 5)} /s" + (" for continuous exchange only" if sampled else "")
     table.add_row("decay rate", f"measured {'-' if measured is None else format(measured, '.5g')} /s, {promise}")
     if values["messages"]:
         table.add_row("messages", f"{values['messages']}")

@@ -69,8 +69,8 @@ class Estimate:
     def suspect_scores(self) -> FloatArray:
         """Largest standardized residual of each of ``suspects``, by the standard deviations that ranked it."""
         worst = np.abs(self.standardized.reshape(self.standardized.shape[0], -1)).max(axis=1, initial=0.0)
-        unscaled = self.suspects_kind != self.sigma_kind and self.variance_factor is not None
-        return frozen(worst[list(self.suspects)] * (np.sqrt(self.variance_factor) if unscaled else 1.0))
+        scaled = self.variance_factor if self.suspects_kind != self.sigma_kind else None
+        return frozen(worst[list(self.suspects)] * (1.0 if scaled is None else np.sqrt(scaled)))
 
     def summary(self) -> str:
         """Values and standard deviations, a line a node (the first 50), and what the residuals say."""
