@@ -4,6 +4,7 @@ Importing this package loads neither matplotlib nor jinja2; the first figure or 
 """
 
 from trigpoint.graphs.layout import node_positions
+from trigpoint.report._engines import require_engines
 from trigpoint.report.figures import (
     ANIMATIONS,
     Scene,
@@ -36,6 +37,7 @@ __all__ = [
     "node_positions",
     "pictures_figure",
     "render",
+    "require_engines",
     "run_page",
     "series_figure",
     "trajectory_figure",

@@ -89,6 +89,16 @@ def _embeddable(svg: str, label: str) -> str:
     return svg.replace("<svg ", f'<svg role="img" aria-label={quoteattr(printable(label))} ', 1)
 
 
+def require_engines() -> None:
+    """Check that pages with figures can be made here, before anything is computed for them.
+
+    Raises:
+        MissingExtraError: matplotlib or jinja2 is not installed.
+    """
+    with styled():
+        page_template()
+
+
 def page_template() -> Template:
     """Return the page's template; everything written into it is escaped, unknown names are errors."""
     try:
