@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
 import trigpoint as tp
 from tests.cli.shelled import FLOATING, GKF, NETWORK, SCENARIO, json_of, process, refused, trigpoint, written
+from trigpoint.cli import app
 
 CHECK_KEYS = {
     "nodes",
@@ -355,3 +357,15 @@ def test_a_completion_script_is_produced(tmp_path: Path) -> None:
     assert "complete -o default -F _trigpoint_completion trigpoint" in script.stdout
     answer = process(cwd=tmp_path, _TRIGPOINT_COMPLETE="complete_bash", COMP_WORDS="trigpoint rep", COMP_CWORD="1")
     assert answer.stdout.split() == ["report", "reproduce"]
+
+
+def test_every_command_has_json_but_node_and_the_reference_lists_its_keys() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1] for line in text.splitlines() if line.startswith("| `")}
+    have = {name for name, command in get_command(app).commands.items() if _has_json(command)}
+    assert set(get_command(app).commands) - have == {"node"}
+    assert rows == have
+
+
+def _has_json(command: object) -> bool:
+    return any("--json" in parameter.opts for parameter in command.params)
