@@ -57,6 +57,7 @@ def run(part, kind, count):
 
     import trigpoint as tp
     from trigpoint.analysis.critical import critical
+    from trigpoint.errors import MissingExtraError
 
     start = time.process_time()
     graph = network(kind, count)
@@ -71,7 +72,11 @@ def run(part, kind, count):
         found = critical(graph)
         note = f"{found.arcs.size} arcs and {found.anchors.size} anchors critical"
     elif part in ENGINES:
-        bound = tp.smallest_eigenvalue(graph, engine=ENGINES[part])
+        try:
+            bound = tp.smallest_eigenvalue(graph, engine=ENGINES[part])
+        except MissingExtraError:
+            print(json.dumps(None))
+            return
         note = f"{bound.value:.10e}, relative width {bound.relative_width:.1e}"
     elif part == "eigsh":
         value = eigsh(graph.laplacian().tocsc(), k=1, sigma=0.0, which="LM", v0=np.ones(graph.n_nodes))[0][0]
@@ -86,8 +91,11 @@ def measured(part, kind, count):
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LIMIT, check=False)
     except subprocess.TimeoutExpired:
-        return None
-    return json.loads(done.stdout) if done.returncode == 0 else None
+        return f"beyond {LIMIT} s"
+    if done.returncode != 0:
+        return "failed"
+    row = json.loads(done.stdout)
+    return f"extra {part} not installed" if row is None else row
 
 
 def main(kinds, sizes):
@@ -96,10 +104,10 @@ def main(kinds, sizes):
         for count in sizes:
             parts = [part for part in PARTS if count <= SCALE_FREE_LIMIT or (kind, part) not in SMALL_ONLY]
             rows = {part: measured(part, kind, count) for part in parts}
-            reference = rows.get("eigsh")
+            reference = rows.get("eigsh") if isinstance(rows.get("eigsh"), list) else None
             for part, row in rows.items():
-                if row is None:
-                    print(f"{kind:10s} {count:8d}  {part:12s}  failed or beyond {LIMIT} s")
+                if isinstance(row, str):
+                    print(f"{kind:10s} {count:8d}  {part:12s}  {row}")
                     continue
                 ratio = f"{row[0] / reference[0]:14.2f}" if reference else " " * 14
                 print(f"{kind:10s} {count:8d}  {part:12s} {row[0]:8.3f} {row[1]:8.0f}  {ratio}  {row[2]}", flush=True)

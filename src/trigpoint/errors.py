@@ -45,7 +45,8 @@ class MissingExtraError(TrigpointError, ImportError):
         self.package = package
         self.extra = extra
         super().__init__(
-            f"{purpose} needs the package {package!r}, which is not installed: pip install 'trigpoint[{extra}]'"
+            f"{purpose} needs the package {package!r}, which is not installed: pip install 'trigpoint[{extra}]' "
+            f"(in a checkout: python -m pip install -e '.[{extra}]')"
         )
 
 

@@ -105,6 +105,7 @@ def test_every_error_is_a_trigpoint_error_with_its_facts() -> None:
     assert str(method) == "LocalKalman needs equal agents; got two kinds. Use Heterogeneous()."
     extra = MissingExtraError("xarray", "data", "Run.dataset")
     assert "pip install 'trigpoint[data]'" in str(extra)
+    assert "in a checkout: python -m pip install -e '.[data]'" in str(extra)
     for error in (read, method, extra, ShapeError(), ProtocolError()):
         assert isinstance(error, TrigpointError)
     for kind in (FileFormatError, MethodError, ShapeError, ProtocolError):

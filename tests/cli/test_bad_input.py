@@ -16,6 +16,7 @@ ENTITY = '<?xml version="1.0"?>\n<!DOCTYPE gama-local [<!ENTITY x SYSTEM "file:/
 
 BROKEN_TABLES = {
     "missing column": ("from,value\na,1\n", 1, "no column 'to'"),
+    "no header": ("a,b,1\nb,c,2\n", 1, "the first line must be from,to,value[,sigma]"),
     "row longer than the header": (HEAD + "a,b,1,1,1\n", 3, "got 5 fields, expected 4"),
     "row shorter than the header": (HEAD + "a,b,1\n", 3, "got 3 fields, expected 4"),
     "NaN": (HEAD + "a,b,nan,1\n", 3, "finite"),
@@ -61,6 +62,17 @@ BROKEN_SCENARIOS = {
     "an unknown key": (SCENARIO + '[design]\nmetod = "x"\n', 7, "did you mean 'method'?"),
     "an unknown table": (SCENARIO + "[simulat]\nseed = 1\n", 6, "did you mean 'simulate'?"),
     "an infinite number": (SCENARIO + "[simulate]\nhorizon = inf\n", 7, "finite"),
+    "a loss above 1": (
+        SCENARIO + "[simulate]\nloss = 2\n",
+        7,
+        "got 2, expected a number less than or equal to 1; correct it",
+    ),
+    "another word for n": ('[network]\ngallery = {kind = "complete", nodes = 3}\n', 2, "did you mean 'n'?"),
+    "a fixed point elsewhere": (
+        '[network]\narcs = [["", "A", 1.0]]\nfixed = {Q = 1}\n',
+        3,
+        "correct the name, or leave it out",
+    ),
     "no network": ("[design]\n", None, "network"),
     "a missing arcs file": ('[network]\narcs = "none.csv"\n', 2, "none.csv"),
     "an unstackable agent": (SCENARIO.replace("C = [[1, 0]]", "C = [[1, 0, 0]]"), 5, "C"),

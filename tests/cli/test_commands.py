@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
 import trigpoint as tp
 from tests.cli.shelled import FLOATING, GKF, NETWORK, SCENARIO, json_of, process, refused, trigpoint, written
+from trigpoint.cli import app
 
 CHECK_KEYS = {
     "nodes",
@@ -127,6 +129,28 @@ def test_estimate_a_priori_keeps_the_stated_sigmas(network: Path) -> None:
     facts = json_of(trigpoint("estimate", network, "--json", "--a-priori"))
     assert facts["sigma_kind"] == "a-priori"
     assert json_of(trigpoint("estimate", network, "--json"))["sigma_kind"] == "a-posteriori"
+
+
+def test_estimate_alarms_where_m0_does_not_fit_the_stated_sigmas(network: Path, tmp_path: Path) -> None:
+    rows = (
+        "from,to,value,sigma\n,a,0,\na,b,1.05,0.002\nb,c,1,0.002\nc,d,1,0.002\na,d,3,0.002\na,c,2,0.002\nb,d,2,0.002\n"
+    )
+    blunder = written(tmp_path, "blunder.csv", rows)
+    shown = trigpoint("estimate", blunder)
+    assert shown.exit_code == 0
+    assert "does not fit the stated sigmas (3 degrees of freedom, p 3.9e-67)" in shown.stdout
+    assert "a blunder, or sigmas too small" in shown.stdout
+    assert "suspect: a -> b, standardized residual 17.68 (by the stated sigmas)" in shown.stdout
+    facts = json_of(trigpoint("estimate", blunder, "--json"))
+    assert set(facts["global_test"]) == {"statistic", "degrees_of_freedom", "p_value", "level", "passes"}
+    assert facts["global_test"]["passes"] is False
+    assert facts["suspects_kind"] == "a-priori"
+    assert facts["suspects"][0]["row"] == 1
+    clean = json_of(trigpoint("estimate", network, "--json"))
+    assert clean["global_test"]["passes"] is True
+    unstated = written(tmp_path, "unstated.csv", "from,to,value\n,a,0\na,b,1\nb,c,1\na,c,2.5\n")
+    assert json_of(trigpoint("estimate", unstated, "--json"))["global_test"] is None
+    assert "stated sigmas" not in trigpoint("estimate", unstated).stdout
 
 
 def test_estimate_without_values_is_refused(tmp_path: Path) -> None:
@@ -333,3 +357,15 @@ def test_a_completion_script_is_produced(tmp_path: Path) -> None:
     assert "complete -o default -F _trigpoint_completion trigpoint" in script.stdout
     answer = process(cwd=tmp_path, _TRIGPOINT_COMPLETE="complete_bash", COMP_WORDS="trigpoint rep", COMP_CWORD="1")
     assert answer.stdout.split() == ["report", "reproduce"]
+
+
+def test_every_command_has_json_but_node_and_the_reference_lists_its_keys() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1] for line in text.splitlines() if line.startswith("| `")}
+    have = {name for name, command in get_command(app).commands.items() if _has_json(command)}
+    assert set(get_command(app).commands) - have == {"node"}
+    assert rows == have
+
+
+def _has_json(command: object) -> bool:
+    return any("--json" in parameter.opts for parameter in command.params)

@@ -38,7 +38,7 @@ def test_a_newcomer_joins_by_name(tmp_path) -> None:
         "days": 365,
     }
     assert (folder / "authority.pem").read_bytes() == authority
-    refused(trigpoint("keys", "--name", "a", "--out", folder), "a.pem exists")
+    refused(trigpoint("keys", "--name", "a", "--out", folder), "holds keys of 'a' already", "--overwrite", "--out")
     assert trigpoint("keys", "--name", "a", "--out", folder, "--overwrite").exit_code == 0
     assert (folder / "authority.pem").read_bytes() != authority
 

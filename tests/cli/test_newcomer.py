@@ -1,5 +1,7 @@
 """What a newcomer does wrong first, and what would surprise: each is said in words."""
 
+import re
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -149,6 +151,34 @@ def test_a_margin_beside_a_given_gain_is_refused():
     said = run("design", EXAMPLES / "oscillators.toml", "--gain", "20", "--margin", "2")
     assert said.exit_code == 2
     assert "a given gain is taken as it is" in said.stderr
+
+
+def test_printed_bounds_claim_no_more_than_was_proved(tmp_path):
+    """Numbers are read back from the text and compared with the certificate's own."""
+    out = tmp_path / "design"
+    said = run("design", EXAMPLES / "oscillators.toml", "--certify", "--out", out)
+    numbers = [record.numbers for record in tp.load(out / "certificate.json").records]
+    low, rate = Fraction(numbers[0]["lower"]), Fraction(numbers[1]["rate"])
+    for shown in (said, run("verify", out)):
+        found = re.search(r"lower ([\d.]+), upper ([\d.]+)|([\d.]+) <= lambda_min <= ([\d.]+)", shown.stdout)
+        lower, upper = (text for text in found.groups() if text)
+        assert Fraction(1, 10**12) > low - Fraction(lower) >= 0
+        assert Fraction(upper) >= Fraction(numbers[0]["upper"])
+        decay = re.search(r"(?:decays at least at|\(rate) ([\d.]+)", shown.stdout)[1]
+        assert Fraction(1, 10**11) > rate - Fraction(decay) >= 0
+    promised = re.search(r"guaranteed decay rate +([\d.]+) /s", said.stdout)[1]
+    assert Fraction(promised) <= Fraction(tp.load(out / "observer.json").decay_rate)
+    noisy = run("certify", out / "observer.json", "--process", "1", "--max-nodes", "9", "--out", out / "c.json")
+    worst = next(record.numbers for record in tp.load(out / "c.json").records if "worst" in record.numbers)
+    assert Fraction(re.search(r"\|e_i\|\^2 <= ([\d.]+)", noisy.stdout)[1]) >= Fraction(worst["worst"])
+    refuted = run("certify", out / "observer.json", "--rate", "5")
+    assert refuted.exit_code == 1
+    assert "slower than 5 /s" in refuted.stdout
+    run("certify", out / "observer.json", "--rate", "5", "--out", out / "certificate.json")
+    assert "refuted: convergence (rate 5, lambda_floor 0.0706243294514)" in run("verify", out).stdout
+    checked = re.search(r"bounds +\[([\d.]+), ([\d.]+)\]", run("check", EXAMPLES / "oscillators.toml").stdout)
+    assert Fraction(checked[1]) <= low
+    assert Fraction(checked[2]) >= low
 
 
 def test_help_is_wrapped_to_the_terminal():

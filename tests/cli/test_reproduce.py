@@ -30,7 +30,11 @@ def few(monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
 def test_the_list_of_experiments() -> None:
     names = json_of(trigpoint("reproduce", "--json"))["experiments"]
     assert names == list(EXPERIMENTS)
-    assert trigpoint("reproduce").stdout.split() == names
+    lines = trigpoint("reproduce").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == names
+    assert all(len(line.split()) > 4 for line in lines), "each says what it is"
+    refused(trigpoint("reproduce", "g16-tabel1"), "no experiment is called 'g16-tabel1'; did you mean 'g16-table1'?")
+    refused(trigpoint("reproduce", "zzz"), "trigpoint reproduce lists them")
 
 
 @pytest.mark.parametrize("name", QUICK)
@@ -136,7 +140,7 @@ def test_the_users_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_misuse_is_refused(tmp_path: Path) -> None:
-    refused(trigpoint("reproduce", "g16"), "'g16'", "g16-example1")
+    refused(trigpoint("reproduce", "g16"), "'g16'", "trigpoint reproduce lists them")
     refused(trigpoint("reproduce", "g16-example1", "--all"), "either an experiment or --all")
     refused(trigpoint("reproduce", "g16-example1", "--image", tmp_path / "a.png"), "--image belongs to r23-image")
     refused(trigpoint("reproduce", "--image", tmp_path / "a.png"), "need an experiment")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -110,6 +111,15 @@ def test_motion_from_a_file_and_bouncing(tmp_path) -> None:
         ("period = 0.1\nchannel = {dely = 0.1}", "did you mean 'delay'"),
         ("period = 0.1\nchannel = {old = 'keep'}", "old"),
         ("absences = [{node = 'Z', start = 1}]", "names the node 'Z'; the nodes are 0, 1, 2"),
+        ("absences = [{node = 'Z', start = 1}, {node = '1', start = 2, stop = 1}]", "expected start < stop"),
+        ("absences = [{node = {a = 1}, start = 1}]", "got {'a': 1}, expected the name of a node"),
+        ("period = 0.1\nchannel = {outages = [{start = 0, stop = 1, links = [['0', 'Q']]}]}", "names the node 'Q'"),
+        ("channel = {delay = 0.1}", "channel needs sampled exchange: give a period"),
+        ("clocks = {drift = 0.1}", "clocks need sampled exchange: give a period"),
+        ("period = 0.1\nclocks = {drift = [1, 2]}", "drift of the clocks must be one number or 6"),
+        ("period = 0.1\ngossip = true", "gossip is for constants"),
+        ("initial_error = [1, 2]", "initial_error must be a scalar"),
+        ("topology = {radius = 1.5}", "belongs to bouncing agents"),
         ("topology = {dwell = 1.0}", "expected either dwell and arrival, or changes"),
         ("motion = {seed = 1}", "expected either a file or a side"),
         ("motion = {side = 1.0}", "bouncing agents have 4 states"),
@@ -129,6 +139,10 @@ def test_what_does_not_fit_is_an_error_with_its_reason(extra, words, tmp_path) -
     assert done.exit_code == 2
     assert words in done.stderr
     assert "Traceback" not in done.stderr
+    elsewhere = {"none.csv", "bad.csv", "short.csv", "empty.csv"} & set(extra.split("'"))
+    last = NETWORK.count("\n") + extra.count("\n") + 1
+    line = NETWORK.splitlines().index("[simulate]") + 1 if "beside" in words else last
+    assert elsewhere or done.stderr.startswith(f"error: {file}:{line}: ")
 
 
 def test_a_topology_needs_arcs_and_an_end(tmp_path) -> None:
@@ -160,3 +174,45 @@ def test_progress_on_a_terminal_changes_no_number(monkeypatch, tmp_path) -> None
     assert plain.error_norm[0] > barred.error_norm[-1]
     np.testing.assert_array_equal(plain.estimate, barred.estimate)
     assert list(tracked("counting")(range(3))) == [0, 1, 2]
+
+
+DESIGNS = [
+    ('method = "local-kalmann"', "did you mean 'local-kalman'?"),
+    ('method = "sampled"', "needs 'period' in [design]"),
+    ('method = "centralised"\nscheme = "abc"', "got 'abc'"),
+    ('method = "local-kalman"\nrate = 3.0', "'rate' does not belong to the method 'local-kalman'"),
+    ('gain = "worst-case"', "needs max_nodes"),
+    ('method = "brasch-pearson"', "needs 'eigenvalues'"),
+]
+
+
+@pytest.mark.parametrize(("extra", "words"), DESIGNS)
+@pytest.mark.parametrize("command", ["design", "simulate"])
+def test_a_design_that_does_not_fit_has_its_line(command, extra, words, tmp_path) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(NETWORK + "[design]\n" + extra + "\n", encoding="utf-8")
+    done = run(command, file)
+    assert done.exit_code == 2
+    assert words in done.stderr
+    table = NETWORK.count("\n") + 1
+    lines = {"got 'abc'": 0, "'rate' does not belong to the method 'local-kalman'": 2}
+    assert done.stderr.startswith(f"error: {file}:{table + lines.get(words, 1)}: ")
+
+
+def test_an_option_of_the_command_line_has_no_line(tmp_path) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(NETWORK + '[design]\nmethod = "local-kalman"\n', encoding="utf-8")
+    said = run("design", file, "--method", "samplde").stderr
+    assert said.startswith("error: no design method is called 'samplde'")
+    assert "did you mean 'sampled'?" in said
+
+
+def test_where_a_run_shall_go_is_checked_before_it_is_computed(monkeypatch, tmp_path) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(NETWORK, encoding="utf-8")
+    monkeypatch.setattr("trigpoint.cli.simulating.simulate", lambda *_, **__: pytest.fail("it was computed"))
+    for module, name in (("h5netcdf", "t1.nc"), ("zarr", "t1.zarr"), ("jinja2", "t1.html"), ("matplotlib", "t1.html")):
+        with monkeypatch.context() as patched:
+            patched.setitem(sys.modules, module, None)
+            assert "which is not installed" in run("simulate", file, "--out", tmp_path / name).stderr
+    assert "expected a file name ending in" in run("simulate", file, "--out", tmp_path / "t1.csv").stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from trigpoint.errors import FileFormatError
 from trigpoint.graphs import EXTERNAL, MeasurementGraph, grid, random_connected
 from trigpoint.io import load, parse_scenario, read_scenario, save
+from trigpoint.io.sections import GALLERY
 from trigpoint.io.toml_lines import key_lines
 from trigpoint.model import Network
 
@@ -321,3 +323,10 @@ def test_a_plant_is_read():
     assert plant is not None
     assert plant.hears == ((1,), ())
     assert [output.tolist() for output in plant.outputs] == [[[1, 0]], [[0, 1]]]
+
+
+@pytest.mark.parametrize("kind", sorted(GALLERY))
+def test_the_reference_names_every_key_of_a_gallery_network(kind) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "formats.md").read_text(encoding="utf-8")
+    row = next(line for line in text.splitlines() if line.startswith("|") and f"`{kind}`" in line.split("|")[1])
+    assert [key for key in GALLERY[kind].model_fields if f"`{key}`" not in row] == []

@@ -253,7 +253,7 @@ def test_progress_sees_every_exchange() -> None:
         (lambda: Scenario([1.0], period=0.0), "period must be a positive number of seconds; got 0"),
         (lambda: Scenario([1.0], period=np.inf), "period must be a positive number"),
         (lambda: Scenario([1.0], path="fast"), "path must be one of auto, stacked, modal, reference; got 'fast'"),
-        (lambda: Scenario([1.0], channel=Channel()), "channel belong to sampled exchange: give a period"),
+        (lambda: Scenario([1.0], channel=Channel()), "channel needs sampled exchange: give a period"),
         (lambda: Scenario([1.0], initial_error=np.nan), "initial_error must be finite"),
         (lambda: Scenario([1.0], initial_state=[np.inf]), "initial_state must be finite"),
         (lambda: Scenario([1.0], inputs=[["a"]]), "inputs must be an array of real numbers"),

@@ -373,7 +373,7 @@ def test_a_series_that_was_not_recorded_says_so() -> None:
         (lambda: Scenario([1.0], topology=3), r"topology must be Topology\(...\)"),
         (lambda: Scenario([1.0], motion=3), r"motion must be Trajectory\(...\) or Bouncing\(...\)"),
         (lambda: Scenario([1.0], period=1.0, trigger=Trigger(1.0)), "with a trigger silence means no news"),
-        (lambda: Scenario([1.0], gossip=True), "gossip belong to sampled exchange"),
+        (lambda: Scenario([1.0], gossip=True), "gossip needs sampled exchange"),
         (
             lambda: Scenario([1.0], noise=Noise(process=1.0), motion=Trajectory([0.0], np.zeros((1, 1, 1)))),
             "a given motion has no process noise",

@@ -1,4 +1,4 @@
-"""NumPy only: aliases, freezing, shape checks, a small matrix exponential, arrays as text."""
+"""NumPy only: aliases, freezing, shape checks, a small matrix exponential, arrays and bounds as text."""
 
 from trigpoint.arrays.core import (
     BoolArray,
@@ -11,6 +11,7 @@ from trigpoint.arrays.core import (
     require_finite,
 )
 from trigpoint.arrays.exponential import expm, propagate, transition_and_integral
+from trigpoint.arrays.rounding import at_least, at_most
 from trigpoint.arrays.text import decode_array, digest_of, encode_array
 
 __all__ = [
@@ -20,6 +21,8 @@ __all__ = [
     "as_floats",
     "as_indices",
     "as_matrix",
+    "at_least",
+    "at_most",
     "decode_array",
     "digest_of",
     "encode_array",

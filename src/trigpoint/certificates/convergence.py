@@ -12,7 +12,7 @@ import scipy.linalg as la
 
 from trigpoint.analysis.eigenvalue import smallest_eigenvalue
 from trigpoint.analysis.modes import largest_eigenvalue_bound
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, at_least, at_most
 from trigpoint.certificates import growth, pairs, programs, structure
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.decrease import gain_range, mode_decreases, network_ball
@@ -68,7 +68,9 @@ class Convergence(Claim):
         margins = (1e-9, 1e-7, 1e-5, 1e-3) if self.rate is None else (0.0,)
         rates = [wanted - margin * abs(wanted) for margin in margins]
         for rate in rates if wanted > 0.0 else ():
-            record = self._record("certified", rate, bound.lower, arrays, f"the error decays at least at {rate:.9g} /s")
+            record = self._record(
+                "certified", rate, bound.lower, arrays, f"the error decays at least at {at_least(rate)} /s"
+            )
             if self.verify(record, problem, observer) == "certified":
                 return record
         slower = growth.witness(observer, max(wanted, 0.0), bound)
@@ -86,7 +88,7 @@ class Convergence(Claim):
         """A ``rate`` proved or refuted on the whole error matrix."""
         pair = pairs.lyapunov_pair(H, fine, rate)
         if pair is not None:
-            text = f"the error decays at least at {rate:.9g} /s"
+            text = f"the error decays at least at {at_least(rate)} /s"
             return self._record("certified", rate, floor, {**pair.arrays, "whole": _MARK}, text)
         growing = pairs.growing_witness(H, fine, rate)
         if growing is not None:
@@ -104,7 +106,7 @@ class Convergence(Claim):
         by_blocks = structure.structured_rate(H, self.rate)
         if by_blocks is not None and by_blocks[0] > 0.0:
             rate, P = by_blocks
-            text = f"the error decays at least at {rate:.9g} /s, through the exact zeros of the stored matrix"
+            text = f"the error decays at least at {at_least(rate)} /s, through the exact zeros of the stored matrix"
             return self._record("certified", rate, 0.0, {"blocks": P}, text)
         if self.rate is not None and 0.0 < self.rate < np.inf:
             return self._decided(H, fine, self.rate, 0.0)
@@ -112,7 +114,7 @@ class Convergence(Claim):
         if pair is None or not pair.rate > 0.0:
             return self._record("inconclusive", self.rate or 0.0, 0.0, {}, "no decay could be proved")
         return self._record(
-            "certified", pair.rate, 0.0, pair.arrays, f"the error decays at least at {pair.rate:.9g} /s"
+            "certified", pair.rate, 0.0, pair.arrays, f"the error decays at least at {at_least(pair.rate)} /s"
         )
 
     def _record(
@@ -175,7 +177,7 @@ def _judged(record: ClaimRecord, H: Ball, fine: Callable[[], Fine], rate: float)
 
 
 def _slower(rate: float) -> str:
-    slower = f"an error that shrinks slower than {rate:.9g} /s" if rate > 0.0 else "an error that never shrinks"
+    slower = f"an error that shrinks slower than {at_most(rate)} /s" if rate > 0.0 else "an error that never shrinks"
     return f"there is {slower}"
 
 

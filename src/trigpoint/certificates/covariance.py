@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, at_most
 from trigpoint.certificates import programs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.errors import ArgumentError
@@ -65,7 +65,7 @@ class CovarianceBound(Claim):
         for X in _candidates(error, self.process, self.measurement):
             v = _traces(error.programs, X)
             worst, total = float(v.max()), up(float(v.sum()) * (1.0 + 1e-12))
-            text = f"E |e_i|^2 <= {worst:.9g} at every node, E |e|^2 <= {total:.9g} in all"
+            text = f"E |e_i|^2 <= {at_most(worst)} at every node, E |e|^2 <= {at_most(total)} in all"
             record = self._record("certified", (worst, total), {"X": X, "v": v}, text)
             if self.verify(record, problem, observer) == "certified":
                 return record

@@ -9,7 +9,7 @@ import numpy as np
 
 from trigpoint.analysis import smallest_eigenvalue
 from trigpoint.analysis.eigenvalue import couplings
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, at_least, at_most
 from trigpoint.certificates import late
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
@@ -64,7 +64,9 @@ class DelayMargin(Claim):
         record = ClaimRecord(self.name, "inconclusive", {"delay": delay}, _ASSUMPTIONS, "", {"v": v})
         verdict = self.verify(record, problem, observer)
         words = {"certified": "stable", "refuted": "not stable", "inconclusive": "undecided"}[verdict]
-        text = f"{words} with a delay of {delay:.6g} s (stable below {proved:.6g} s, not stable above {excluded:.6g} s)"
+        shown = at_most(delay) if verdict == "refuted" else at_least(delay)
+        limits = f"stable below {at_least(proved)} s, not stable above {at_most(excluded)} s"
+        text = f"{words} with a delay of {shown} s ({limits})"
         return ClaimRecord(self.name, verdict, record.numbers, _ASSUMPTIONS, text, record.witness)
 
     def _check_moving(self, observer: DiffusiveObserver) -> ClaimRecord:
@@ -79,7 +81,7 @@ class DelayMargin(Claim):
             text = f"no stability could be proved with a delay of {delay:.6g} s"
             return ClaimRecord(self.name, "inconclusive", {"delay": delay}, _ASSUMPTIONS, text, {})
         arrays = {"edges": pieces.edges, "P": pieces.P, "R": pieces.R, "x": bound.witness}
-        text = f"stable with every constant delay up to {delay:.6g} s"
+        text = f"stable with every constant delay up to {at_least(delay)} s"
         numbers = {"delay": delay, "lambda_floor": bound.lower}
         return ClaimRecord(self.name, "certified", numbers, _ASSUMPTIONS, text, arrays)
 

@@ -11,7 +11,7 @@ import scipy.linalg as la
 from trigpoint.analysis import smallest_eigenvalue
 from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
 from trigpoint.analysis.noise import mu_star
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, at_least, at_most
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.convergence import lyapunov_matrix
 from trigpoint.certificates.decrease import gain_range, mode_ball
@@ -68,7 +68,8 @@ class NoiseBudget(Claim):
         mu = (mu_star(observer.gain, bound.lower) or 1.0) if self.mu is None else self.mu
         for X in _candidates(observer, mu, bound.lower):
             per_node = _trace(X)
-            text = f"E |e|^2 <= {observer.graph.n_nodes * per_node:.9g} at noise level {mu:.6g} ({per_node:.9g} a node)"
+            whole = at_most(up(observer.graph.n_nodes * per_node))
+            text = f"E |e|^2 <= {whole} at noise level {at_least(mu)} ({at_most(per_node)} a node)"
             record = ClaimRecord(
                 self.name,
                 "certified",

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg as la
 
 from trigpoint.analysis import smallest_eigenvalue
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, at_most
 from trigpoint.certificates import equal_programs, programs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
@@ -75,7 +75,7 @@ class SampledStability(Claim):
             factor = radius + share * (1.0 - radius)
             P = _stein(M.middle / (0.5 * (radius + factor) or 1.0)) if radius < 1.0 else None
             if P is not None and is_positive_definite(P) and contracts(P, M, factor):
-                text = f"contracts by {factor:.9g} from exchange to exchange at a period of {period:g} s"
+                text = f"contracts by {at_most(factor)} from exchange to exchange at a period of {period:g} s"
                 return self._record("certified", period, factor, {"P": P}, text)
         text = f"no contraction could be proved at a period of {period:g} s (computed spectral radius {radius:.9g})"
         return self._record("inconclusive", period, radius if np.isfinite(radius) else 0.0, {}, text)
@@ -89,7 +89,8 @@ class SampledStability(Claim):
             proof = equal_programs.prove(split.start, split.pull, ends, factor)
             if proof is not None:
                 arrays = {"edges": proof[0], "P": proof[1], "x": bound.witness}
-                text = f"contracts by {factor:.9g} from exchange to exchange at a period of {period:g} s, mode by mode"
+                text = f"contracts by {at_most(factor)} from exchange to exchange at a period of {period:g} s"
+                text += ", mode by mode"
                 record = self._record("certified", period, factor, arrays, text)
                 record = replace(record, numbers={**record.numbers, "lambda_floor": bound.lower})
                 if _verify_modes(record, observer, period, factor) == "certified":

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from trigpoint.analysis.eigenvalue import couplings, smallest_eigenvalue
+from trigpoint.arrays import at_least, at_most
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.verified import collatz_wielandt_lower, collatz_wielandt_upper, rayleigh_upper
@@ -48,7 +49,7 @@ class SmallestEigenvalue(Claim):
             return ClaimRecord(
                 self.name, "refuted", {"lower": 0.0, "upper": 0.0}, _ASSUMPTIONS, text, {"v": bound.vector}
             )
-        text = f"{bound.lower:.12g} <= lambda_min <= {bound.upper:.12g}"
+        text = f"{at_least(bound.lower)} <= lambda_min <= {at_most(bound.upper)}"
         arrays = {"v": bound.vector}
         if bound.witness.size:
             arrays["x"] = bound.witness

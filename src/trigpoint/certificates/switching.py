@@ -12,7 +12,7 @@ import scipy.linalg as la
 
 from trigpoint.analysis import smallest_eigenvalue, worst_case_eigenvalue
 from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, at_least, at_most
 from trigpoint.certificates import pairs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.convergence import lyapunov_matrix
@@ -92,7 +92,9 @@ class SwitchingStability(Claim):
         nodes = float(self.max_nodes or 0)
         for margin in (1e-9, 1e-6, 1e-3, 0.1):
             rate = best - margin * abs(best)
-            text = f"decays at least at {rate:.9g} /s under any switching with {floor:.6g} <= lambda <= {ceiling:.6g}"
+            # the range is a premise: it is narrowed, not widened
+            text = f"decays at least at {at_least(rate)} /s under any switching with "
+            text += f"{at_most(floor)} <= lambda <= {at_least(ceiling)}"
             text += f", among them every anchored network of at most {nodes:.0f} nodes" if nodes else ""
             record = self._record("certified", (rate, floor, ceiling, nodes), P, text)
             if self.verify(record, problem, observer) == "certified":

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from trigpoint.arrays import digest_of
+from trigpoint.arrays import at_least, at_most, digest_of
+from trigpoint.arrays.rounding import DIGITS
 from trigpoint.certificates.base import Claim
 from trigpoint.certificates.convergence import Convergence
 from trigpoint.certificates.covariance import CovarianceBound
@@ -38,6 +39,9 @@ CLAIMS: tuple[type[Claim], ...] = (
     Observable,
 )
 
+_LOWER = {"lower", "rate", "lambda_floor", "delay", "mu", "process", "measurement", "ceiling"}
+_UPPER = {"upper", "factor", "per_node", "worst", "total", "floor"}
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -54,11 +58,21 @@ class Verdict:
     numbers: tuple[Mapping[str, float], ...] = ()
 
     def summary(self) -> str:
-        """One line a claim, with the numbers that were checked."""
-        stated = [", ".join(f"{key} {value:.9g}" for key, value in numbers.items()) for numbers in self.numbers]
-        stated += [""] * (len(self.claims) - len(stated))
+        """One line a claim, with the numbers that were checked, bounds rounded to the safe side."""
+        numbers = [*self.numbers, *({},) * (len(self.claims) - len(self.numbers))]
+        stated = [
+            ", ".join(f"{key} {_bound(key, value, outcome)}" for key, value in known.items())
+            for (_, outcome), known in zip(self.claims, numbers, strict=True)
+        ]
         lines = zip(self.claims, stated, strict=True)
         return "\n".join(f"{outcome}: {name}{f' ({text})' if text else ''}" for (name, outcome), text in lines)
+
+
+def _bound(key: str, value: float, outcome: Outcome) -> str:
+    """A number of a claim as text: what is proved is rounded to the safe side, a refuted rate or delay upwards."""
+    if key in _UPPER or (outcome == "refuted" and key in ("rate", "delay")):
+        return at_most(value)
+    return at_least(value) if key in _LOWER else f"{value:.{DIGITS}g}"
 
 
 def certify(problem: Problem, observer: NetworkObserver, claims: Sequence[Claim] | None = None) -> Certificate:

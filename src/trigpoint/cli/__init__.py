@@ -1,4 +1,4 @@
-"""The command line: composes the spokes, holds no mathematics. Every command has ``--json``."""
+"""The command line: composes the spokes, holds no mathematics. Every command but ``node`` has ``--json``."""
 
 from trigpoint.cli.app import app, main
 

@@ -22,6 +22,7 @@ from trigpoint.analysis import (
     without_each,
     worst_case_gain,
 )
+from trigpoint.arrays import at_least, at_most
 from trigpoint.cli.compose import Given, estimating, read
 from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, console, emit, guarded
 from trigpoint.graphs import MeasurementGraph
@@ -186,9 +187,9 @@ def gain_table(graph: MeasurementGraph, bound: EigenvalueBound) -> Table:
     """``lambda_min`` with its bounds and the gains that follow."""
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_row("lambda_min", f"{bound.value:.12g}")
-    table.add_row("  rigorous bounds", f"[{bound.lower:.15g}, {bound.upper:.15g}]", style="dim")
+    table.add_row("  rigorous bounds", f"[{at_least(bound.lower, 15)}, {at_most(bound.upper, 15)}]", style="dim")
     if bound.lower > 0:
-        table.add_row("gain bound 1/lambda_min", f"{gain_bound(bound):.10g}")
+        table.add_row("gain bound 1/lambda_min", at_most(gain_bound(bound)))
     table.add_row(f"worst-case gain of {graph.n_nodes} nodes", f"{worst_case_gain(graph.n_nodes):.10g}")
     return table
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from trigpoint.errors import ArgumentError
+from trigpoint.cli.places import PlacedError
 from trigpoint.io.sections import DesignSection
+from trigpoint.io.text import nearest
 from trigpoint.methods import (
     Accelerated,
     BraschPearson,
@@ -96,13 +97,16 @@ def method_of(design: DesignSection, problem: Any) -> Method:
     """The design method that a scenario or the command line asks for; by default the one that fits the ``problem``."""
     label = label_of(design, problem)
     if label not in ROWS:
-        raise ArgumentError(f"no design method is called {label!r}; known are {', '.join(ROWS)}")
+        known = ", ".join(ROWS)
+        text = f"no design method is called {label!r}; known are {known}{nearest(label, ROWS)}"
+        raise PlacedError(("design", "method"), text)
     row = ROWS[label]
     for key, field in sorted(type(design).model_fields.items()):
         value = getattr(design, key)
         chosen = value is not None and (not isinstance(value, str | float) or value != field.default)
         if chosen and key not in row.keys and key not in _EVERYWHERE:
-            raise ArgumentError(f"{key!r} does not belong to the method {label!r}; it takes {', '.join(row.keys)}")
+            text = f"{key!r} does not belong to the method {label!r}; it takes {', '.join(row.keys)}"
+            raise PlacedError(("design", key), text)
     return row.make(design, problem)
 
 
@@ -123,7 +127,8 @@ def gain_rule(design: DesignSection) -> GainRule:
         return FromGraph(margin)
     if design.gain == "worst-case":
         if design.max_nodes is None:
-            raise ArgumentError("gain 'worst-case' needs max_nodes (--max-nodes): the largest network it must serve")
+            text = "gain 'worst-case' needs max_nodes (--max-nodes): the largest network it must serve"
+            raise PlacedError(("design", "gain"), text)
         return WorstCase(design.max_nodes, margin)
     return Fixed(float(design.gain))
 
@@ -131,13 +136,14 @@ def gain_rule(design: DesignSection) -> GainRule:
 def _needed(design: DesignSection, key: str) -> float:
     value = getattr(design, key)
     if value is None:
-        raise ArgumentError(f"the method {design.method!r} needs {key!r} in [design]" + _option(key))
+        text = f"the method {design.method!r} needs {key!r} in [design]{_option(key)}"
+        raise PlacedError(("design", "method"), text)
     return float(value)
 
 
 def _listed(design: DesignSection) -> Sequence[complex]:
     if design.eigenvalues is None:
-        raise ArgumentError(f"the method {design.method!r} needs 'eigenvalues' in [design]")
+        raise PlacedError(("design", "method"), f"the method {design.method!r} needs 'eigenvalues' in [design]")
     values: Sequence[complex] = design.eigenvalues
     return values
 

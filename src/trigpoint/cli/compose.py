@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.io import ScenarioFile, load
 from trigpoint.io.sections import DesignSection, RunSection, SimulateSection
+from trigpoint.io.toml_lines import KeyPath
 from trigpoint.model import HyperNetwork, LinearAgent, Network, NetworkedAgents, SharedPlant
 from trigpoint.observers import AssembledObserver, DiffusiveObserver, LocalObserver, Run
 from trigpoint.observers.assembled import Problem
@@ -28,6 +30,7 @@ class Given:
     design: DesignSection
     simulate: SimulateSection
     run: RunSection = field(default_factory=RunSection)
+    lines: Mapping[KeyPath, int] = field(default_factory=dict)
 
     @property
     def problem(self) -> NetworkedAgents:
@@ -44,15 +47,15 @@ class Stated:
     design: DesignSection
     simulate: SimulateSection
     run: RunSection = field(default_factory=RunSection)
+    lines: Mapping[KeyPath, int] = field(default_factory=dict)
 
 
 def read_any(path: Path) -> Given | Stated:
     """Read any file that states a problem of any kind."""
     loaded = load(path)
     if isinstance(loaded, ScenarioFile) and loaded.plant is not None:
-        return Stated(
-            path, loaded.plant, loaded.design, loaded.simulate or SimulateSection(), loaded.run or RunSection()
-        )
+        simulate, run = loaded.simulate or SimulateSection(), loaded.run or RunSection()
+        return Stated(path, loaded.plant, loaded.design, simulate, run, loaded.lines)
     if isinstance(loaded, SharedPlant | HyperNetwork):
         return Stated(path, loaded, DesignSection(), SimulateSection())
     if isinstance(loaded, NetworkedAgents) and not loaded.is_homogeneous:
@@ -64,8 +67,9 @@ def read(path: Path) -> Given:
     """Read any file that states a network of equal agents; a document of another kind is an error."""
     loaded = load(path)
     agent, design, simulate, run = None, DesignSection(), SimulateSection(), RunSection()
+    lines: Mapping[KeyPath, int] = {}
     if isinstance(loaded, ScenarioFile):
-        agent, design = loaded.agent, loaded.design
+        agent, design, lines = loaded.agent, loaded.design, loaded.lines
         simulate, run = loaded.simulate or simulate, loaded.run or run
         if loaded.network is None:
             raise FileFormatError(path, "states a [plant]; this command needs a [network]")
@@ -73,9 +77,11 @@ def read(path: Path) -> Given:
     elif isinstance(loaded, NetworkedAgents):
         return Given(path, loaded.graph, None, loaded.agent, design, simulate)
     if isinstance(loaded, Network):
-        return Given(path, loaded.graph, loaded, agent or LinearAgent.static(loaded.dimension), design, simulate, run)
+        agent = agent or LinearAgent.static(loaded.dimension)
+        return Given(path, loaded.graph, loaded, agent, design, simulate, run, lines)
     if isinstance(loaded, MeasurementGraph):
-        return Given(path, loaded, None, agent or LinearAgent.static(loaded.dimension), design, simulate, run)
+        agent = agent or LinearAgent.static(loaded.dimension)
+        return Given(path, loaded, None, agent, design, simulate, run, lines)
     raise FileFormatError(
         path,
         f"holds {kind_of(loaded)}; this command needs a network or a scenario",

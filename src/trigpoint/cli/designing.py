@@ -9,11 +9,12 @@ import typer
 from rich.table import Table
 
 from trigpoint.analysis import diagnose
-from trigpoint.arrays import digest_of
+from trigpoint.arrays import at_least, at_most, digest_of
 from trigpoint.certificates import Certificate, certify, verify
 from trigpoint.cli.asked import Asked, claims_for
 from trigpoint.cli.choices import label_of, method_of
 from trigpoint.cli.compose import changed, kind_of, part_of, read_any
+from trigpoint.cli.places import placed
 from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, Out, console, emit, guarded, notice
 from trigpoint.errors import FileFormatError
 from trigpoint.io import load, parse_json, save
@@ -55,9 +56,8 @@ def design_command(
     exists, or a claim is refuted; 3: a claim is inconclusive.
     """
     given = read_any(file)
-    choices = changed(
-        given.design, method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights, rate=rate
-    )  # fmt: skip
+    options = options_of(method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights, rate=rate)
+    choices = changed(given.design, **options)
     part = part_of(given, choices)
     diagnosis = diagnose(part.problem)
     if diagnosis.detectable is False:
@@ -67,12 +67,13 @@ def design_command(
             findings = [finding.text for finding in diagnosis.findings]
             emit({"method": label_of(choices, part.problem), **nothing, "findings": findings})
         return FAILS
-    observer = design(part.problem, method_of(choices, part.problem))
+    with placed(given, "design", options):
+        observer = design(part.problem, method_of(choices, part.problem))
     bound = observer.facts.get("gain_bound")
     if isinstance(observer, DiffusiveObserver) and bound is not None and observer.decay_rate <= 0.0:
         notice(
-            f"no decay is guaranteed at gain {observer.gain:.6g}; every gain above 1/lambda_min = {bound:.6g} suffices "
-            "(Theorem 4; --gain from-graph takes one)"
+            f"no decay is guaranteed at gain {observer.gain:.6g}; every gain above 1/lambda_min = {at_most(bound)} "
+            "suffices (Theorem 4; --gain from-graph takes one)"
         )
     problem = served(part.problem, observer)
     certificate = certify(problem, observer) if with_certificate else None
@@ -83,6 +84,11 @@ def design_command(
     else:
         _show(observer, certificate, part.marks, out)
     return HOLDS if certificate is None else CODE[certificate.verdict]
+
+
+def options_of(**options: object) -> dict[str, object]:
+    """The options that were given."""
+    return {key: value for key, value in options.items() if value is not None}
 
 
 def served(problem: Problem, observer: NetworkObserver) -> Problem:
@@ -122,7 +128,7 @@ def _show(observer: NetworkObserver, certificate: Certificate | None, marks: int
     table.add_row("estimating nodes", f"{len(observer.names)}" + (f" ({marks} known)" if marks else ""))
     if isinstance(observer, DiffusiveObserver):
         table.add_row("gain", f"{observer.gain:.10g}  ({observer.facts.get('gain_rule', 'given')})")
-    rate = f"{observer.decay_rate:.6g} /s" if observer.decay_rate > 0 else "none (no decay is guaranteed)"
+    rate = f"{at_least(observer.decay_rate)} /s" if observer.decay_rate > 0 else "none (no decay is guaranteed)"
     table.add_row("guaranteed decay rate", rate)
     if observer.spectral_abscissa is not None:
         table.add_row("computed spectral abscissa", f"{observer.spectral_abscissa:.6g} /s")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import numpy as np
@@ -28,8 +29,8 @@ def estimate_command(
 ) -> int:
     """Solve the network by weighted least squares, with standard deviations and suspects.
 
-    --out writes a CSV table of the nodes. Exit code 1: some component has no absolute reading (its values are relative
-    to its first node).
+    Where sigmas are stated, the global test says whether m0 fits them. --out writes a CSV table of the nodes. Exit code
+    1: some component has no absolute reading (its values are relative to its first node).
     """
     ending(out, ".csv")
     network = measured(read(file))
@@ -60,13 +61,17 @@ def facts(network: Network, answer: Estimate) -> dict[str, Any]:
         "sigma_assumed": network.covariance is None,
         "unit": network.unit,
         "suspects": [
-            {"row": k, "arc": network.graph.arc_label(k), "standardized": _worst(answer, k)} for k in answer.suspects
+            {"row": k, "arc": network.graph.arc_label(k), "standardized": score}
+            for k, score in zip(answer.suspects, answer.suspect_scores.tolist(), strict=True)
         ],
+        "suspects_kind": answer.suspects_kind,
+        "global_test": _test(answer),
     }
 
 
-def _worst(answer: Estimate, arc: int) -> float:
-    return float(np.abs(np.atleast_1d(answer.standardized[arc])).max())
+def _test(answer: Estimate) -> dict[str, Any] | None:
+    test = answer.global_test
+    return None if test is None else {**asdict(test), "passes": test.passes}
 
 
 def _columns(answer: Estimate) -> tuple[np.ndarray, np.ndarray]:
@@ -104,7 +109,10 @@ def _show(network: Network, answer: Estimate) -> None:
     )
     if network.covariance is None:
         out.print("the file has no sigma: sigma 1 is assumed for every difference, so that only ratios have a meaning")
-    for k in answer.suspects:
-        out.print(f"suspect: {network.graph.arc_label(k)}, standardized residual {_worst(answer, k):.2f}")
+    if answer.global_test is not None:
+        out.print(answer.global_test.text)
+    by = "by the stated sigmas" if answer.suspects_kind == "a-priori" else "by m0"
+    for k, score in zip(answer.suspects, answer.suspect_scores.tolist(), strict=True):
+        out.print(f"suspect: {network.graph.arc_label(k)}, standardized residual {score:.2f} ({by})")
     for node in np.unique(answer.reference[answer.reference >= 0]).tolist():
         out.print(f"no absolute reading in the component of {answer.names[node]}: values are relative to it")

@@ -11,7 +11,7 @@ from trigpoint.cli.compose import part_of, read_any
 from trigpoint.cli.shell import HOLDS, Json, console, emit, guarded
 from trigpoint.errors import ArgumentError
 from trigpoint.observers.assembled import channels_of
-from trigpoint.runtime import GUESTS, ROLES, make_keys
+from trigpoint.runtime import GUESTS, ROLES, find_identity, make_keys
 
 
 @guarded
@@ -39,6 +39,12 @@ def keys_command(
     nodes = _nodes(file, names or [])
     fresh = overwrite or not (out / "authority.pem").exists()
     roles = _roles(guests) if guests else dict(GUESTS if fresh else {})
+    taken = [] if overwrite else [name for name in (*nodes, *roles) if _has_keys(out, name)]
+    if taken:
+        raise ArgumentError(
+            f"{out} holds keys of {taken[0]!r} already; name another folder by --out, or make all keys afresh by "
+            "--overwrite"
+        )
     files = make_keys(out, nodes, hosts or (), guests=roles, days=days, overwrite=overwrite)
     made = {name: {"certificate": each.certificate, "key": each.key} for name, each in files.items()}
     authority = str(out / "authority.pem")
@@ -61,6 +67,14 @@ def keys_command(
         f"Every host needs {authority} and the two files of its own nodes; {out / 'authority.key'} stays here."
     )
     return HOLDS
+
+
+def _has_keys(folder: Path, name: str) -> bool:
+    try:
+        find_identity(folder, name)
+    except ArgumentError:
+        return False
+    return True
 
 
 def _nodes(file: Path | None, names: list[str]) -> list[str]:

@@ -20,7 +20,8 @@ def convert(
     target: Annotated[Path, typer.Argument(help="File to write; its ending names the format.")],
     as_json: Json = False,
 ) -> int:
-    """Read a network in one format and write it in another (.csv, .tsv, .gkf, .graphml, .json).
+    """Read a network in one format and write it in another (.csv, .tsv, .gkf, .graphml, .json;
+    .xml is read as GNU Gama or GraphML, as it says, and written as GNU Gama).
 
     The log of a live run (.mcap) is written as a recorded run (.npz, .nc, .zarr).
     """

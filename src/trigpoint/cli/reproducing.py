@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ from trigpoint.cli.results_page import VERDICTS, results_page, shown
 from trigpoint.cli.shell import FAILS, HOLDS, Json, console, emit, ending, guarded, tracked
 from trigpoint.errors import ArgumentError
 from trigpoint.io import write_atomically
+from trigpoint.io.text import nearest
 from trigpoint.papers import EXPERIMENTS, Reproduction, reproduce
 from trigpoint.report import render
 
@@ -40,6 +42,9 @@ def reproduce_command(
         raise ArgumentError(f"give either an experiment or --all; got {name!r} and --all")
     if image is not None and name not in (None, _IMAGE):
         raise ArgumentError(f"--image belongs to {_IMAGE}; got {name!r}")
+    if name is not None and name not in EXPERIMENTS:
+        hint = nearest(name, EXPERIMENTS)
+        raise ArgumentError(f"no experiment is called {name!r}{hint} (trigpoint reproduce lists them)")
     target = _target(out, whole=whole)
     names = [name] if name is not None else list(EXPERIMENTS)
     results = [
@@ -59,7 +64,10 @@ def _list(as_json: bool) -> int:
     if as_json:
         emit({"experiments": list(EXPERIMENTS)})
     else:
-        console().print("\n".join(EXPERIMENTS))
+        table = Table(show_header=False, box=None, pad_edge=False)
+        for name, run in EXPERIMENTS.items():
+            table.add_row(name, (inspect.getdoc(run) or "").split("\n\n")[0].replace("\n", " ").replace("`", ""))
+        console().print(table)
     return HOLDS
 
 

@@ -10,22 +10,24 @@ import typer
 from rich.table import Table
 
 from trigpoint.analysis import diagnose
+from trigpoint.arrays import at_least
 from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import Estimating, Given, Stated, changed, instants, part_of, read_any
-from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Rate, Weights, served
+from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Rate, Weights, options_of, served
+from trigpoint.cli.places import placed
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, ending, guarded, notice, tracked
 from trigpoint.cli.trouble import trouble_of
 from trigpoint.errors import ArgumentError
 from trigpoint.estimation import estimate
 from trigpoint.graphs import MeasurementGraph
-from trigpoint.io import save, write_atomically
+from trigpoint.io import require_writer, save, write_atomically
 from trigpoint.io.sections import SimulateSection
 from trigpoint.methods import design
 from trigpoint.model import Network, NetworkedAgents
 from trigpoint.observers.assembled import Problem, channels_of
 from trigpoint.observers.network import NetworkObserver
 from trigpoint.observers.run import Run
-from trigpoint.report import render, run_page
+from trigpoint.report import render, require_engines, run_page
 from trigpoint.simulation import Noise, Scenario, simulate
 
 Horizon = Annotated[float | None, typer.Option("--horizon", help="Simulated seconds.")]
@@ -53,10 +55,12 @@ def simulate_command(
     On a measured network of constants the readings are those of the file, and the error is the distance from the
     least-squares answer. --out FILE.npz (.nc, .zarr) keeps the run, --out FILE.html writes a report.
     """
+    ending(out, ".npz", ".nc", ".zarr", ".html")
+    if out is not None:
+        require_engines() if out.suffix.lower() == ".html" else require_writer(out)
     given = read_any(file)
-    choices = changed(
-        given.design, method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights, rate=rate
-    )  # fmt: skip
+    options = options_of(method=method, gain=gain, margin=margin, max_nodes=max_nodes, weights=weights, rate=rate)
+    choices = changed(given.design, **options)
     part = part_of(given, choices)
     diagnosis = diagnose(part.problem)
     if diagnosis.detectable is False:
@@ -64,10 +68,11 @@ def simulate_command(
         if as_json:
             emit({"path": None, "time_to_1_percent": None, "final_error": None, "decay_rate_measured": None})
         return FAILS
-    observer = design(part.problem, method_of(choices, part.problem))
-    ending(out, ".npz", ".nc", ".zarr", ".html")
-    scenario = scenario_of(given, part, observer, _section(given.simulate, horizon, period, seed))
-    run = simulate(served(part.problem, observer), observer, scenario, progress=tracked("simulating"))
+    with placed(given, "design", options):
+        observer = design(part.problem, method_of(choices, part.problem))
+    with placed(given, "simulate", options_of(horizon=horizon, period=period, seed=seed)):
+        scenario = scenario_of(given, part, observer, _section(given.simulate, horizon, period, seed))
+        run = simulate(served(part.problem, observer), observer, scenario, progress=tracked("simulating"))
     if out is not None:
         _write(out, run, given, part)
     _warn(given, part)
@@ -191,7 +196,7 @@ def _show(run: Run, observer: NetworkObserver, given: Given | Stated, out: Path 
     reached, sampled = values["time_to_1_percent"], run.attributes["period"] is not None
     table.add_row("time to 1 %", "not reached" if reached is None else f"{reached:.4g} s")
     measured = values["decay_rate_measured"]
-    promise = f"guaranteed {observer.decay_rate:.5g} /s" + (" for continuous exchange only" if sampled else "")
+    promise = f"guaranteed {at_least(observer.decay_rate, 5)} /s" + (" for continuous exchange only" if sampled else "")
     table.add_row("decay rate", f"measured {'-' if measured is None else format(measured, '.5g')} /s, {promise}")
     if values["messages"]:
         table.add_row("messages", f"{values['messages']}")

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from trigpoint.errors import ArgumentError, FileFormatError
+from trigpoint.cli.places import PlacedError
+from trigpoint.errors import FileFormatError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.io.sections import SimulateSection
-from trigpoint.io.text import read_text
+from trigpoint.io.text import nearest, read_text, shown
+from trigpoint.io.toml_lines import KeyPath
 from trigpoint.io.trouble_sections import ChannelSection, MotionSection, TopologySection
 from trigpoint.simulation import (
     Absence,
@@ -45,8 +47,10 @@ def trouble_of(
         channel = Channel(section.loss)
     clocks = section.clocks
     absences = [
-        Absence(_index(one.node, position), one.start, np.inf if one.stop is None else one.stop)
-        for one in section.absences
+        Absence(
+            _index(one.node, position, (*_ABSENCES, k, "node")), one.start, np.inf if one.stop is None else one.stop
+        )
+        for k, one in enumerate(section.absences)
     ]
     trigger = section.trigger
     motion = _motion(section.motion, path, len(names), states) if section.motion else None
@@ -61,20 +65,29 @@ def trouble_of(
     }
 
 
-def _index(name: Any, position: dict[str, int]) -> int:
+_ABSENCES: KeyPath = ("simulate", "absences")
+_TOPOLOGY: KeyPath = ("simulate", "topology")
+_OUTAGES: KeyPath = ("simulate", "channel", "outages")
+
+
+def _index(name: Any, position: dict[str, int], at: KeyPath) -> int:
+    if not isinstance(name, str | int) or isinstance(name, bool):
+        raise PlacedError(at, f"[simulate]: got {shown(name)}, expected the name of a node")
     if str(name) not in position:
-        raise ArgumentError(f"[simulate] names the node {str(name)!r}; the nodes are {', '.join(list(position)[:12])}")
+        known = ", ".join(list(position)[:12]) + (", ..." if len(position) > 12 else "")
+        hint = nearest(str(name), position)
+        raise PlacedError(at, f"[simulate] names the node {str(name)!r}; the nodes are {known}{hint}")
     return position[str(name)]
 
 
 def _channel(section: ChannelSection, position: dict[str, int]) -> Channel:
     outages = []
-    for one in section.outages:
-        links = None
+    for k, one in enumerate(section.outages):
+        links, at = None, (*_OUTAGES, k, "links")
         if one.links is not None:
             if not all(len(link) == 2 for link in one.links):
-                raise ArgumentError(f"links of an outage must be pairs [sender, receiver]; got {one.links}")
-            links = tuple((_index(a, position), _index(b, position)) for a, b in one.links)
+                raise PlacedError(at, f"links of an outage must be pairs [sender, receiver]; got {one.links}")
+            links = tuple((_index(a, position, at), _index(b, position, at)) for a, b in one.links)
         outages.append(Outage(one.start, one.stop, links))
     plain = section.model_dump(exclude={"bursts", "outages", "axes"})
     bursts = None if section.bursts is None else Bursts(**section.bursts.model_dump())
@@ -88,15 +101,17 @@ def _topology(
     motion: Trajectory | Bouncing | None,
 ) -> Topology:
     if graph is None:
-        raise ArgumentError("a topology switches a network's arcs; a shared plant has none: use outages of links")
+        raise PlacedError(
+            _TOPOLOGY, "a topology switches a network's arcs; a shared plant has none: use outages of links"
+        )
     if section.changes:
         return Topology.schedule(graph, [(one.time, one.arcs) for one in section.changes])
     instants = whole.instants
     if instants is None:
-        raise ArgumentError("a random topology, or one by radius, needs a horizon or times")
+        raise PlacedError(_TOPOLOGY, "a random topology, or one by radius, needs a horizon or times")
     if section.radius is not None:
         if not isinstance(motion, Bouncing):
-            raise ArgumentError("a topology by radius belongs to bouncing agents: add motion = {side = ...}")
+            raise PlacedError(_TOPOLOGY, "a topology by radius belongs to bouncing agents: add motion = {side = ...}")
         return within_reach(motion, graph, section.radius, float(instants[-1]))
     assert section.dwell is not None  # the section's own check
     assert section.arrival is not None
@@ -106,7 +121,8 @@ def _topology(
 def _motion(section: MotionSection, path: Path, count: int, states: int) -> Trajectory | Bouncing:
     if section.side is not None:
         if states != 4:
-            raise ArgumentError(f"bouncing agents have 4 states (place and velocity in a plane); got {states}")
+            text = f"bouncing agents have 4 states (place and velocity in a plane); got {states}"
+            raise PlacedError(("simulate", "motion"), text)
         speeds = (section.speeds[0], section.speeds[1])
         return Bouncing.drawn(count, section.side, speeds, np.random.default_rng(section.seed), known=section.known)
     file = path.parent / str(section.file)

@@ -1,5 +1,6 @@
-"""The best static answer: weighted least squares with standard deviations and suspects."""
+"""The best static answer: weighted least squares with standard deviations, the global test and suspects."""
 
 from trigpoint.estimation.least_squares import Estimate, estimate
+from trigpoint.estimation.reliability import GLOBAL_LEVEL, SUSPECT_PROBABILITY, GlobalTest
 
-__all__ = ["Estimate", "estimate"]
+__all__ = ["GLOBAL_LEVEL", "SUSPECT_PROBABILITY", "Estimate", "GlobalTest", "estimate"]

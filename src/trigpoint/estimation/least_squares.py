@@ -8,19 +8,16 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from trigpoint.arrays import FloatArray, IntArray, frozen
 from trigpoint.errors import ArgumentError
 from trigpoint.estimation.cofactors import inverse_entries
+from trigpoint.estimation.reliability import GLOBAL_LEVEL, GlobalTest, checked_level, suspects_of
 from trigpoint.estimation.weights import invert_blocks, weight_matrix
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.blocks import Blocks, expand
 from trigpoint.linalg.sparse import Factorization, factorize
 from trigpoint.model import Network
-
-SUSPECT_PROBABILITY = 0.001
-"""A measurement is suspect when errors of the assumed kind give so large a residual with less than this chance."""
 
 _LEAST_REDUNDANCY = 1e-6
 _REFINEMENTS = 3
@@ -38,14 +35,18 @@ class Estimate:
         standardized: residuals divided by their standard deviations; 0 where nothing checks the measurement.
         redundancy: share of each measurement that others check, 0 (nothing does) to 1; shaped like the values. Over
             uncorrelated measurements it adds up to the degrees of freedom.
-        suspects: arcs whose residual is improbable (two-sided 0.1 %), the worst first: by the normal distribution
-            where sigma is a priori, else by Student's, m0 being estimated from the others (external studentization).
+        suspects: arcs whose residual is improbable (two-sided 0.1 %), the worst first.
+        suspects_kind: ``a-priori``: residuals over their stated standard deviations, by the normal distribution (data
+            snooping); where ``a_priori`` was asked for, and where the global test fails because the residuals are too
+            large, since a blunder inflates the m0 that would hide it. Else ``a-posteriori``: scaled by m0, by
+            Student's distribution, m0 being estimated from the others (external studentization).
         status: (N,) ``anchored`` or ``relative``.
         reference: (N,) node that a relative node's value refers to; -1 where anchored.
         variance_factor: a-posteriori variance factor m0^2 = v' R^-1 v / degrees_of_freedom; None without any.
         degrees_of_freedom: measured numbers minus unknown numbers.
         sigma_kind: ``a-posteriori`` (sigma includes m0) or ``a-priori``.
         gradient: largest entry of ``A' R^-1 v`` relative to ``|A'| R^-1 |values|``: zero at the minimum.
+        global_test: whether m0 fits the stated sigmas; None where none are stated or nothing is redundant.
     """
 
     names: tuple[str, ...]
@@ -61,6 +62,15 @@ class Estimate:
     degrees_of_freedom: int
     sigma_kind: Literal["a-posteriori", "a-priori"]
     gradient: float
+    global_test: GlobalTest | None
+    suspects_kind: Literal["a-posteriori", "a-priori"]
+
+    @property
+    def suspect_scores(self) -> FloatArray:
+        """Largest standardized residual of each of ``suspects``, by the standard deviations that ranked it."""
+        worst = np.abs(self.standardized.reshape(self.standardized.shape[0], -1)).max(axis=1, initial=0.0)
+        scaled = self.variance_factor if self.suspects_kind != self.sigma_kind else None
+        return frozen(worst[list(self.suspects)] * (1.0 if scaled is None else np.sqrt(scaled)))
 
     def summary(self) -> str:
         """Values and standard deviations, a line a node (the first 50), and what the residuals say."""
@@ -74,6 +84,8 @@ class Estimate:
             lines.append(f"and {count - 50} more")
         factor = "none" if self.variance_factor is None else f"{self.variance_factor:.6g}"
         lines.append(f"degrees of freedom {self.degrees_of_freedom}, variance factor {factor}, sigma {self.sigma_kind}")
+        if self.global_test is not None:
+            lines.append(self.global_test.text)
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -87,6 +99,7 @@ def estimate(
     *,
     a_priori: bool = False,
     uncertainty: bool = True,
+    level: float = GLOBAL_LEVEL,
 ) -> Estimate:
     """Best linear unbiased estimate of every node from all measurements, component by component.
 
@@ -100,29 +113,36 @@ def estimate(
         covariance: (M,) variances, (M, d, d) blocks or a sparse (M d, M d) matrix, in that unit squared.
         a_priori: take R as it is; otherwise standard deviations are scaled by the a-posteriori m0.
         uncertainty: compute standard deviations and suspects (one solve a node: minutes beyond 1e5 nodes).
+        level: chance of failing the global test although the stated sigmas are right.
 
     We assume:
-        * errors have mean zero and covariance R up to one unknown factor.
+        * errors have mean zero and covariance R up to one unknown factor;
+        * for the global test and the suspects, errors are normal.
 
     Raises:
-        ArgumentError, ShapeError: the arguments do not fit together.
+        ArgumentError, ShapeError: the arguments do not fit together; ``level`` is not between 0 and 1.
 
     Cost: one sparse factorization; with ``uncertainty`` one solve a node.
-    Source: Barooah and Hespanha (2007), key BarooahHespanha2007; theory 7-H3.
+    Source: Barooah and Hespanha (2007), key BarooahHespanha2007; theory 7-H3; tests: Baarda (1968), key Baarda1968.
     """
+    checked_level(level)
     data = _as_network(network, values, covariance)
     system = _System.of(data)
     unknown, factor = system.solve()
     x = system.whole(unknown)
     residuals = system.values - system.differences @ x
-    count = int(system.rows.sum())
-    freedom = count - int(system.free.sum())
+    freedom = int(system.rows.sum()) - int(system.free.sum())
     weighted = system.weight @ residuals
     square_sum = float(residuals @ weighted)
     variance_factor = square_sum / freedom if freedom > 0 else None
-    scale = 1.0 if a_priori or variance_factor is None else float(np.sqrt(variance_factor))
+    prior = a_priori or variance_factor is None
+    scale = 1.0 if prior else float(np.sqrt(variance_factor or 0.0))
+    stated = data.covariance is not None and freedom > 0
+    test = GlobalTest.of(square_sum, freedom, level) if stated else None
+    snooped = prior or (test is not None and test.too_large)
     cofactors = _Cofactors.of(system, factor, uncertainty)
     standardized = cofactors.standardized(residuals, scale)
+    ranked = cofactors.standardized(residuals, 1.0) if snooped else standardized
     shape = data.values.shape
     node_shape = (data.graph.n_nodes, *shape[1:])
     return Estimate(
@@ -132,15 +152,15 @@ def estimate(
         residuals=frozen(residuals.reshape(shape)),
         standardized=frozen(standardized.reshape(shape)),
         redundancy=frozen(cofactors.redundancy.reshape(shape)),
-        suspects=_suspects(
-            standardized.reshape(shape[0], data.dimension), None if a_priori or variance_factor is None else freedom
-        ),
+        suspects=suspects_of(ranked.reshape(shape[0], data.dimension), None if snooped else freedom),
         status=np.where(system.reference < 0, "anchored", "relative"),
         reference=frozen(system.reference, np.int64),
         variance_factor=variance_factor,
         degrees_of_freedom=freedom,
-        sigma_kind="a-priori" if a_priori or variance_factor is None else "a-posteriori",
+        sigma_kind="a-priori" if prior else "a-posteriori",
         gradient=system.gradient(weighted),
+        global_test=test,
+        suspects_kind="a-priori" if snooped else "a-posteriori",
     )
 
 
@@ -254,18 +274,3 @@ class _Cofactors:
 def _prior_variances(weight: sp.csr_array) -> FloatArray:
     """Diagonal of R from the block-sparse R^-1: exact readings (weight 0) get 0."""
     return np.asarray(invert_blocks(weight).diagonal())
-
-
-def _suspects(standardized: FloatArray, freedom: int | None) -> tuple[int, ...]:
-    """Arcs beyond the level; with ``freedom`` the residuals were scaled by an m0 that they themselves took part in."""
-    worst = np.abs(standardized).max(axis=1, initial=0.0)
-    if freedom is None:
-        level = float(stats.norm.isf(SUSPECT_PROBABILITY / 2.0))
-    elif freedom < 2:
-        return ()
-    else:
-        # |t| = w sqrt((f - 1) / (f - w^2)) is Student's with f - 1 degrees of freedom; solved for w.
-        t = float(stats.t.isf(SUSPECT_PROBABILITY / 2.0, freedom - 1))
-        level = t * float(np.sqrt(freedom / (freedom - 1 + t * t)))
-    found = np.flatnonzero(worst > level)
-    return tuple(int(k) for k in found[np.argsort(-worst[found], kind="stable")])

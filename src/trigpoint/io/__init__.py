@@ -2,7 +2,7 @@
 
 from trigpoint.io.atomic import write_atomically
 from trigpoint.io.edge_list import edge_list_text, parse_edge_list, read_edge_list, write_edge_list
-from trigpoint.io.files import DOCUMENT_WRITERS, DOCUMENTS, FORMATS, load, save
+from trigpoint.io.files import DOCUMENT_WRITERS, DOCUMENTS, FORMATS, load, require_writer, save
 from trigpoint.io.formats import Format
 from trigpoint.io.gama import parse_gama, read_gama
 from trigpoint.io.gama_writer import gama_text, write_gama
@@ -36,6 +36,7 @@ __all__ = [
     "read_graphml",
     "read_nodelink",
     "read_scenario",
+    "require_writer",
     "save",
     "write_atomically",
     "write_edge_list",

@@ -106,7 +106,7 @@ class _Source:
             else:
                 self.header = record
                 return
-        raise FileFormatError(path, "got no header, expected a first row such as from,to,value,sigma")
+        raise FileFormatError(path, "got no header, the first line must be from,to,value[,sigma]")
 
     def columns(self) -> tuple[dict[str, Sequence[str]], Sequence[int]]:
         """The cells by column, and the line of each row."""
@@ -157,7 +157,10 @@ def _checked_header(path: object, header: Record, delimiter: str) -> Layout:
     for end in _ENDS:
         if end not in names:
             hint = nearest(end, names) + _separator_hint(names, delimiter)
-            raise FileFormatError(path, f"got no column {end!r} among {names}{hint}", header.line)
+            wanted = "the first line must be from,to,value[,sigma]" + (
+                " with tabs for commas" if delimiter == "\t" else ""
+            )
+            raise FileFormatError(path, f"got no column {end!r} among {names}{hint}; {wanted}", header.line)
     try:
         return layout_of([name for name in named if name not in _ENDS])
     except ValueError as error:

@@ -13,7 +13,7 @@ from trigpoint.io.documents import READERS, WRITERS
 from trigpoint.io.formats import NETWORK_FORMATS, Format, format_of
 from trigpoint.io.nodelink import nodelink_from_document, parse_json
 from trigpoint.io.run_file import read_run, run_bytes
-from trigpoint.io.run_tables import netcdf_bytes, read_netcdf, read_zarr, zarr_bytes
+from trigpoint.io.run_tables import netcdf_bytes, read_netcdf, read_zarr, tables, zarr_bytes
 from trigpoint.io.scenario import read_scenario
 from trigpoint.io.text import nearest, read_text, shown
 
@@ -78,6 +78,17 @@ def load(path: str | Path) -> Any:
         FileFormatError: an unknown suffix, a file that cannot be read, or content that does not fit, with its line.
     """
     return format_of(path, FORMATS).read(path)
+
+
+def require_writer(path: str | Path) -> None:
+    """Check that the format which the suffix of ``path`` names can be written here, before anything is computed.
+
+    Raises:
+        FileFormatError: an unknown suffix.
+        MissingExtraError: the format needs an extra that is not installed.
+    """
+    if format_of(path, FORMATS).name in ("nc", "zarr"):
+        tables()
 
 
 def save(data: Any, path: str | Path) -> None:

@@ -51,7 +51,8 @@ def _zip_store(path: str | Path) -> Any:
     return ZipStore(str(path), mode="r")
 
 
-def _xarray() -> Any:
+def tables() -> Any:
+    """The package xarray; a ``MissingExtraError`` unless all that writes its tables is there."""
     try:
         import h5netcdf  # noqa: F401
         import h5py  # noqa: F401
@@ -65,7 +66,7 @@ def _xarray() -> Any:
 def _bytes(run: Any, name: str, write: Any) -> bytes:
     if not isinstance(run, Run):
         raise ArgumentError(f"{Path(name).suffix} holds recorded runs; got a {type(run).__name__}")
-    _xarray()
+    tables()
     table = run.dataset.drop_vars("error")
     table["status"] = table["status"].astype(object)
     table["node"] = table["node"].astype(object)
@@ -78,7 +79,7 @@ def _bytes(run: Any, name: str, write: Any) -> bytes:
 
 
 def _read(path: str | Path, opened: Any) -> Run:
-    xarray = _xarray()
+    xarray = tables()
     if not Path(path).is_file():
         raise FileFormatError(path, "there is no such file; check the name and the folder")
     try:

@@ -6,6 +6,7 @@ here; what a method or a transport means is checked by who uses it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from trigpoint.graphs import MeasurementGraph
 from trigpoint.io.scenario_network import network_of
 from trigpoint.io.sections import AgentSection, DesignSection, Document, PlantSection, RunSection, SimulateSection
 from trigpoint.io.text import read_text
+from trigpoint.io.toml_lines import KeyPath
 from trigpoint.io.toml_source import TomlSource
 from trigpoint.model import LinearAgent, Network, SharedPlant
 
@@ -25,6 +27,7 @@ class ScenarioFile:
     ``network`` is a ``Network`` where the arcs have values (fixed points are known marks, each with one exact external
     arc), else a bare ``MeasurementGraph``. ``agent`` is None without ``[agent]``; ``simulate`` and ``run`` likewise;
     ``design`` has its defaults without ``[design]``. A file has ``[network]`` or ``[plant]``; the other is None.
+    ``lines`` holds the line of every table, key and list entry by its path, such as ``("simulate", "loss")``.
     """
 
     path: Path
@@ -34,6 +37,7 @@ class ScenarioFile:
     design: DesignSection = field(default_factory=DesignSection)
     simulate: SimulateSection | None = None
     run: RunSection | None = None
+    lines: Mapping[KeyPath, int] = field(default_factory=dict)
 
     @property
     def graph(self) -> MeasurementGraph | None:
@@ -66,6 +70,7 @@ def parse_scenario(text: str, path: str | Path) -> ScenarioFile:
         design=document.design,
         simulate=document.simulate,
         run=document.run,
+        lines=source.lines,
     )
 
 

@@ -158,7 +158,9 @@ def _with_fixed(source: TomlSource, network: Network | MeasurementGraph, fixed: 
     for name, value in fixed.items():
         if name not in graph.names:
             raise source.fail(
-                (*at, name), f"got the fixed point {shown(name)}, which no arc mentions{nearest(name, graph.names)}"
+                (*at, name),
+                f"got the fixed point {shown(name)}, which no arc mentions{nearest(name, graph.names)}; "
+                "correct the name, or leave it out",
             )
         node = graph.index(name)
         wanted = _fixed_value(source, network, name, value)

@@ -17,6 +17,9 @@ from trigpoint.io.sections import SECTIONS
 from trigpoint.io.text import nearest, shown
 from trigpoint.io.toml_lines import KeyPath, key_lines, line_of
 
+_MEANT = {"nodes": "n", "size": "n", "count": "n", "width": "cols", "columns": "cols", "height": "rows"}
+"""Keys that people write where another word is asked for, too far away for spelling to tell."""
+
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -58,7 +61,8 @@ class TomlSource:
         if kind == "extra_forbidden":
             known = _known_keys(model, detail["loc"][:-1])
             where = f"in [{_dotted(at[:-1])}]" if at[:-1] else "at the top"
-            hint = nearest(str(at[-1]), known)
+            meant = _MEANT.get(str(at[-1]))
+            hint = f"; did you mean {meant!r}?" if meant in known else nearest(str(at[-1]), known)
             return self.fail(at, f"got the unknown key {shown(str(at[-1]))} {where}, expected one of {known}{hint}")
         if kind == "missing":
             return self.fail(at[:-1], f"got no {name}, which is required; add it")
@@ -67,11 +71,13 @@ class TomlSource:
         if kind == "model_type":
             return self.fail(at, f"{name}: got {shown(given)}, expected one table")
         expected = detail["msg"].removeprefix("Input should be ").removeprefix("a valid ")
-        return self.fail(at, f"{name}: got {shown(given)}, expected {expected}")
+        kinds = "a number " if expected.startswith(("less than", "greater than")) else ""
+        remedy = "correct it, or leave it out where it is not required"
+        return self.fail(at, f"{name}: got {shown(given)}, expected {kinds}{expected}; {remedy}")
 
     def _refuse_infinite(self, value: Any, at: KeyPath) -> None:
         if isinstance(value, float) and not np.isfinite(value):
-            raise self.fail(at, f"{_dotted(at)}: got {value}, expected a finite number")
+            raise self.fail(at, f"{_dotted(at)}: got {value}, expected a finite number; correct it, or leave it out")
         items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         for key, entry in items:
             self._refuse_infinite(entry, (*at, key))

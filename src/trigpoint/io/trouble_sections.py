@@ -85,6 +85,13 @@ class AbsenceSection(Section):
     start: Size
     stop: PositiveNumber | None = None
 
+    @model_validator(mode="after")
+    def _begins_before_it_ends(self) -> AbsenceSection:
+        if self.stop is not None and self.stop <= self.start:
+            got = f"start = {self.start:g} and stop = {self.stop:g}"
+            raise ValueError(f"node {self.node!r}: got {got}, expected start < stop")
+        return self
+
 
 class TriggerSection(Section):
     """``trigger``: send when the neighbours' picture is off by ``size e^{-rate t}``."""

@@ -4,6 +4,7 @@ Importing this package loads neither matplotlib nor jinja2; the first figure or 
 """
 
 from trigpoint.graphs.layout import node_positions
+from trigpoint.report._engines import require_engines
 from trigpoint.report._facts import rate_of
 from trigpoint.report.figures import (
     ANIMATIONS,
@@ -37,6 +38,7 @@ __all__ = [
     "pictures_figure",
     "rate_of",
     "render",
+    "require_engines",
     "run_page",
     "trajectory_figure",
 ]

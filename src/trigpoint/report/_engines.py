@@ -105,6 +105,16 @@ def plain_ticks(axes: Axes, low: float, high: float) -> None:
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 4)))
 
 
+def require_engines() -> None:
+    """Check that pages with figures can be made here, before anything is computed for them.
+
+    Raises:
+        MissingExtraError: matplotlib or jinja2 is not installed.
+    """
+    with styled():
+        page_template()
+
+
 def page_template() -> Template:
     """Return the page's template; everything written into it is escaped, unknown names are errors."""
     try:

@@ -137,7 +137,8 @@ class Scenario:
             raise ArgumentError(f"absences must hold Absence(node, start, stop); got {absences!r}")
         alone = [name for name in ("channel", "clocks", "trigger") if given[name] is not None] + ["gossip"] * gossip
         if period is None and alone:
-            raise ArgumentError(f"{' and '.join(alone)} belong to sampled exchange: give a period")
+            verb = "needs" if alone in (["channel"], ["trigger"], ["gossip"]) else "need"
+            raise ArgumentError(f"{' and '.join(alone)} {verb} sampled exchange: give a period")
         if trigger is not None and (channel is None or channel.old == "drop"):
             raise ArgumentError("with a trigger silence means no news: give channel=Channel(old='propagate') or 'use'")
         if motion is not None and noise is not None and noise.process > 0.0:
