@@ -157,6 +157,7 @@ def test_settings_for_later(scenario, tmp_path, transport):
         (["run", "{scenario}", "--agents-per-process", "0"], "--agents-per-process: got 0, expected greater than"),
         (["run", "nothing.toml"], "nothing.toml: there is no such file"),
         (["node", "nothing.json"], "nothing.json: no node settings"),
+        (["node", "{scenario}"], "no node settings: got no JSON, expected what run --prepare wrote"),
         (["node", "{node}", "--peer", "0"], "--peer: got '0', expected NAME=ADDRESS"),
         (["node", "{node}", "--peer", "0=nowhere"], "address 'nowhere'"),
         (["node", "{node}", "--peer", "stranger=tcp/127.0.0.1:9"], "--peer names 'stranger', no neighbour of '1'"),
@@ -208,3 +209,12 @@ def test_samples_are_thinned_out():
     assert run.truth.shape[1:] == (2, 2)
     gap = run.estimate[:, 0, 0]
     np.testing.assert_allclose(gap, np.exp(-0.3 * run.times))
+
+
+def test_a_method_that_nobody_knows_is_told_with_its_line(scenario):
+    text = scenario.read_text(encoding="utf-8")
+    scenario.write_text(text + '\n[design]\nmethod = "local-calman"\n', encoding="utf-8")
+    result = trigpoint("run", scenario, "--for", "1s")
+    assert result.exit_code == 2
+    line = scenario.read_text(encoding="utf-8").splitlines().index('method = "local-calman"') + 1
+    assert f"scenario.toml:{line}: " in result.stderr

@@ -20,6 +20,7 @@ from trigpoint.cli.compose import changed, part_of, read_any
 from trigpoint.cli.live import LiveRun, facts_of, holds, log_of, replayed, seconds_of
 from trigpoint.cli.live_plan import Design, Places, ignored_troubles, plan_of
 from trigpoint.cli.nodes import Plain, warn_of
+from trigpoint.cli.places import placed
 from trigpoint.cli.recorded import Record, record_of
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, guarded, notice
 from trigpoint.cli.watching import watched
@@ -77,7 +78,9 @@ def run_command(
         if as_json:
             emit({"nodes": None, "decay_rate_measured": None, "final_error": None, "anchored": None})
         return FAILS
-    designed = Design(given, part, choices, design(part.problem, method_of(choices, part.problem)))
+    with placed(given, "design"):
+        observer = design(part.problem, method_of(choices, part.problem))
+    designed = Design(given, part, choices, observer)
     _say_what_is_ignored(designed)
     with _places(out if prepare is None else prepare, allow_plain, kept=prepare is not None) as places:
         plan = plan_of(designed, section, places)

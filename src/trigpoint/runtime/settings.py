@@ -239,7 +239,9 @@ def read_settings(path: Path) -> NodeSettings:
         if path.stat().st_size > _LARGEST_FILE:
             raise FileFormatError(path, f"node settings have at most {_LARGEST_FILE} bytes")
         return NodeSettings.from_document(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, RecursionError, ValueError) as error:  # damaged text, JSON and protocol errors are ValueErrors
+    except json.JSONDecodeError as error:
+        raise FileFormatError(path, "no node settings: got no JSON, expected what run --prepare wrote") from error
+    except (OSError, RecursionError, ValueError) as error:  # damaged text and protocol errors are ValueErrors
         raise FileFormatError(path, f"no node settings: {error}") from error
 
 
