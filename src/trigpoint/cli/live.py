@@ -32,6 +32,7 @@ from trigpoint.runtime.supervisor import Supervisor, Usage
 from trigpoint.runtime.zenoh_link import ZenohTransport
 
 _TICK = 0.02
+_TICK_A_NODE = 5e-4  # a snapshot moves the truth of every node: with many nodes the monitor would do little else
 _SAMPLE, _MOST_SAMPLES = 0.05, 4000
 _MOST_STEPS = 20_000  # exchanges that a prediction follows
 _DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(ms|s|min|h)")
@@ -138,7 +139,7 @@ class LiveRun:
             try:
                 self.supervisor.start()
                 limit = None if duration is None or self.player is not None else self.clock.now() + duration
-                shown = 0.0
+                shown, tick = 0.0, max(_TICK, _TICK_A_NODE * len(self.plan.nodes))
                 while not ended.is_set() and (limit is None or self.clock.now() < limit):
                     began = time.monotonic()
                     self.step()
@@ -149,7 +150,7 @@ class LiveRun:
                     if snapshot.time - shown >= 0.1:
                         show(snapshot)
                         shown = snapshot.time
-                    ended.wait(max(0.0, began + _TICK - time.monotonic()))
+                    ended.wait(max(0.0, began + tick - time.monotonic()))
                 self.step()
                 return self.monitor.snapshot()
             finally:
