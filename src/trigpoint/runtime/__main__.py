@@ -5,6 +5,7 @@ With ``--tied`` the process ends when its standard input does.
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -54,6 +55,8 @@ def run_nodes(nodes: Sequence[tuple[NodeSettings, Path | None]], *, tied: bool) 
         again = None if path is None else partial(reread, path, allow_plain=speaks_plainly(settings))
         members.append(Member(machine, open_transport, again))
     host = Host(members, clock)
+    gc.collect()
+    gc.freeze()  # what is there now lives as long as the process: no collection need look at it again
     host.run(tied=tied)
     if host.dropped:
         print(f"{host.dropped} frames were dropped: they came faster than they could be looked at", file=sys.stderr)
