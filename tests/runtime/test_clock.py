@@ -22,16 +22,16 @@ def test_a_correction_of_the_wall_clock_moves_nothing(monkeypatch) -> None:
     monkeypatch.setattr(time, "time", lambda: wall() - 3600.0)
     monkeypatch.setattr(time, "time_ns", lambda: round(1e9 * (wall() - 3600.0)))
     again = told_clock(told)
-    assert again.now() == pytest.approx(clock.now(), abs=0.05)
+    assert again.ahead == clock.ahead
     assert new_epoch(again) > first
-    assert told_clock({}).now() == pytest.approx(clock.now() - 3600.0, abs=0.05)
+    assert told_clock({}).ahead == pytest.approx(clock.ahead - 3600.0, abs=1.0)
 
 
 @pytest.mark.parametrize("text", ["", "soon", "nan", "inf"])
 def test_a_setting_that_means_nothing_is_left_aside(text) -> None:
     now = told_clock({SET: text}).now()
     assert math.isfinite(now)
-    assert now == pytest.approx(time.time(), abs=0.05)
+    assert now == pytest.approx(time.time(), abs=1.0)
 
 
 def test_the_processes_of_a_run_get_its_clock(tmp_path, monkeypatch) -> None:
@@ -61,11 +61,11 @@ def test_the_processes_of_a_run_get_its_clock(tmp_path, monkeypatch) -> None:
         supervisor.kill("0")
         supervisor.revive("0")
     assert len(given) == 5
-    assert [float(env[SET]) for env in given] == pytest.approx([12345.0] * 5, abs=1e-6)
+    assert [float(env[SET]) for env in given] == [12345.0] * 5
 
 
 def test_a_process_takes_the_clock_that_it_is_told() -> None:
-    code = "import os; from trigpoint.runtime.clock import told_clock; print(told_clock(os.environ).now())"
+    code = "import os; from trigpoint.runtime.clock import told_clock; print(repr(told_clock(os.environ).ahead))"
     clock = SystemClock(ahead=1e6)
     shown = subprocess.run(
         [sys.executable, "-c", code],
@@ -74,4 +74,4 @@ def test_a_process_takes_the_clock_that_it_is_told() -> None:
         check=True,
         text=True,
     )
-    assert float(shown.stdout) == pytest.approx(clock.now(), abs=10.0)
+    assert float(shown.stdout) == 1e6

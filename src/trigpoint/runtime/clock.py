@@ -29,20 +29,20 @@ class SystemClock:
     """
 
     def __init__(self, ahead: float | None = None) -> None:
-        self._start = time.time() - time.monotonic() if ahead is None else ahead
+        self.ahead = time.time() - time.monotonic() if ahead is None else ahead
 
     def now(self) -> float:
         """Seconds since 1970 as this process knows them."""
-        return self._start + time.monotonic()
+        return self.ahead + time.monotonic()
 
 
 SET = "TRIGPOINT_CLOCK_AHEAD"
 """Variable of the environment with the seconds by which a run's clock is ahead of the machine's monotonic one."""
 
 
-def setting_of(clock: Clock) -> dict[str, str]:
-    """What a process that shall have this ``clock`` needs in its environment."""
-    return {SET: repr(clock.now() - time.monotonic())}
+def setting_of(clock: SystemClock) -> dict[str, str]:
+    """What a process that shall have this ``clock``, to the last bit, needs in its environment."""
+    return {SET: repr(clock.ahead)}
 
 
 def told_clock(environment: Mapping[str, str]) -> SystemClock:

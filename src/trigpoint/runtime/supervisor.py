@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from trigpoint.errors import ArgumentError, MissingExtraError
-from trigpoint.runtime.clock import Clock, new_epoch, setting_of
+from trigpoint.runtime.clock import SystemClock, new_epoch, setting_of
 from trigpoint.runtime.codec import Frame, Kind, encode_frame
 from trigpoint.runtime.plan import LivePlan
 from trigpoint.runtime.topics import node_key
@@ -85,7 +85,7 @@ class Supervisor:
         transport: for orders to nodes, or None where nobody gives any.
     """
 
-    def __init__(self, plan: LivePlan, clock: Clock, transport: Transport | None = None) -> None:
+    def __init__(self, plan: LivePlan, clock: SystemClock, transport: Transport | None = None) -> None:
         self._plan, self._clock, self._transport = plan, clock, transport
         self._children: list[_Child] = []
         self._group: dict[str, _Child] = {}
