@@ -9,14 +9,15 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
+import scipy.sparse as sp
 
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, IntArray
 from trigpoint.errors import ArgumentError, MissingExtraError
 from trigpoint.linalg.blocks import Ranges, diagonal_of
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 from trigpoint.simulation.exchanges import ArcForm
-from trigpoint.simulation.scenario import Scenario
+from trigpoint.simulation.scenario import Noise, Scenario
 from trigpoint.simulation.verb import check_problem
 from trigpoint.simulation.world import World, start_of
 
@@ -25,6 +26,7 @@ CHUNK = 128
 """Runs that are stepped together; each chunk has a seed of its own, so that workers do not change a bit."""
 
 _LARGEST = 3000
+_STRETCH = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,27 +118,23 @@ def ensembles(
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """``e+ = T e + F (mask (R e + S v)) - V w`` for one exchange, dense.
+    """``e+ = T e + F (mask (R e + S v)) - W w`` for one exchange; v and w are standard normal.
 
     Attributes:
         start: (n_z,) first error.
-        T, F, R, S, V: the matrices; w has the covariance ``process process'``.
-        measurement: standard deviation of v.
-        process: (n, k).
+        T, F, R, S, W: the matrices, sparse; those of noise have no column where there is none.
         arrival: chance of each label's rows.
-        label: (rows,) which arc each row belongs to.
+        label: (rows,) which arc each row belongs to, -1 for none.
     """
 
     start: FloatArray
-    T: FloatArray
-    F: FloatArray
-    R: FloatArray
-    S: FloatArray
-    V: FloatArray
-    measurement: float
-    process: FloatArray
+    T: sp.csr_array
+    F: sp.csr_array
+    R: sp.csr_array
+    S: sp.csr_array
+    W: sp.csr_array
     arrival: float
-    label: Any
+    label: IntArray
 
     @staticmethod
     def of(observer: AssembledObserver, scenario: Scenario, arrival: float) -> _Model:
@@ -146,10 +144,9 @@ class _Model:
         maps = [node.maps(period) for node in observer.nodes]
         transition, phi = diagonal_of(each[0] for each in maps), diagonal_of(each[2] for each in maps)
         errors = start_of(world, "initial_error", scenario.initial_error)
-        noise = scenario.noise
-        process = np.zeros((world.channels.A.shape[0], 0))
-        if noise is not None and noise.process > 0.0:
-            process = diagonal_of(world.noise_factors(noise.process, period)).toarray()
+        noise = Noise() if scenario.noise is None else scenario.noise
+        target, reading = observer.target_matrix(), noise.measurement * form.reading
+        pushes = target @ diagonal_of(world.noise_factors(noise.process, period)) if noise.process else target[:, :0]
         labels = [
             -1 if arc.label is None else arc.label
             for node in observer.nodes
@@ -158,25 +155,23 @@ class _Model:
         ]
         return _Model(
             np.concatenate([observer.target(k) @ error for k, error in enumerate(errors)]),
-            transition.toarray(),
-            (phi @ form.gain).toarray(),
-            (form.own + form.other).toarray(),
-            form.reading.toarray(),
-            observer.target_matrix().toarray(),
-            0.0 if noise is None else noise.measurement,
-            process,
+            sp.csr_array(transition),
+            sp.csr_array(phi @ form.gain),
+            sp.csr_array(form.own + form.other),
+            sp.csr_array(reading if noise.measurement else reading[:, :0]),
+            sp.csr_array(pushes),
             arrival,
             np.array(labels, dtype=np.int64),
         )
 
-    def draws(self, runs: int, rng: np.random.Generator) -> tuple[FloatArray | None, FloatArray | None, Any]:
-        """One exchange's reading errors, process noise and working arcs, for all ``runs``; None for none."""
-        v = self.measurement * rng.standard_normal((self.S.shape[1], runs)) if self.measurement else None
-        w = self.process @ rng.standard_normal((self.process.shape[1], runs)) if self.process.shape[1] else None
-        if self.arrival == 1.0:
-            return v, w, None
-        works = rng.random((int(self.label.max()) + 1, runs)) < self.arrival
-        return v, w, np.where(self.label[:, None] < 0, 1.0, works[self.label])
+    def draws(self, runs: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """One exchange's v, w and, for every label and then for none, 1 where it works; for all ``runs``."""
+        v = rng.standard_normal((self.S.shape[1], runs))
+        w = rng.standard_normal((self.W.shape[1], runs))
+        works = np.ones((int(self.label.max(initial=-1)) + 2, runs))
+        if self.arrival < 1.0:
+            works[:-1] = rng.random((len(works) - 1, runs)) < self.arrival
+        return v, w, works
 
 
 def _check(observer: AssembledObserver, scenario: Scenario, runs: int, arrival: float, engine: str) -> list[int]:
@@ -209,14 +204,10 @@ def _numpy_chunk(model: _Model, runs: int, seed: np.random.SeedSequence, steps: 
         if number in wanted:
             kept.append(error)
         v, w, works = model.draws(runs, rng)
-        innovation = model.R @ error
-        if v is not None:
-            innovation += model.S @ v
-        if works is not None:
-            innovation *= works
-        error = model.T @ error + model.F @ innovation
-        if w is not None:
-            error -= model.V @ w
+        innovation = model.R @ error + model.S @ v
+        if model.arrival < 1.0:
+            innovation *= works[model.label]
+        error = model.T @ error + model.F @ innovation - model.W @ w
     return np.stack(kept)
 
 
@@ -228,29 +219,27 @@ def _jax_chunk() -> Callable[[_Model, int, np.random.SeedSequence, list[int]], F
     jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call, unused-ignore]
 
     @jax.jit  # type: ignore[untyped-decorator, unused-ignore]
-    def stretch(error: Any, T: Any, F: Any, R: Any, forces: Any, masks: Any, pushes: Any) -> Any:
-        def step(now: Any, given: Any) -> tuple[Any, None]:
-            force, mask, push = given
-            return T @ now + F @ (mask * (R @ now + force)) - push, None
+    def stretch(error: Any, matrices: Any, label: Any, draws: Any) -> Any:
+        T, F, R, S, W = matrices
 
-        return jax.lax.scan(step, error, (forces, masks, pushes))[0]
+        def step(now: Any, drawn: Any) -> tuple[Any, None]:
+            v, w, works = drawn
+            return T @ now + F @ (works[label] * (R @ now + S @ v)) - W @ w, None
+
+        return jax.lax.scan(step, error, draws)[0]
 
     def chunk(model: _Model, runs: int, seed: np.random.SeedSequence, steps: list[int]) -> FloatArray:
         rng, error, kept = np.random.default_rng(seed), np.repeat(model.start[:, None], runs, axis=1), []
+        # Dense: what an accelerator is made for, and a few thousand states at most.
+        matrices = [jax.device_put(each.toarray()) for each in (model.T, model.F, model.R, model.S, model.W)]
         done = 0
         for number in steps:
             while done < number:
-                count = min(64, number - done)
-                forces = np.zeros((count, model.R.shape[0], runs))
-                masks, pushes = np.ones_like(forces), np.zeros((count, *error.shape))
-                for k in range(count):
-                    v, w, works = model.draws(runs, rng)
-                    forces[k] = 0.0 if v is None else model.S @ v
-                    masks[k] = 1.0 if works is None else works
-                    pushes[k] = 0.0 if w is None else model.V @ w
-                error = np.asarray(stretch(error, model.T, model.F, model.R, forces, masks, pushes))
+                count = min(_STRETCH, number - done)
+                drawn = zip(*(model.draws(runs, rng) for _ in range(count)), strict=True)
+                error = stretch(error, matrices, model.label, tuple(map(np.stack, drawn)))
                 done += count
-            kept.append(error)
+            kept.append(np.asarray(error))
         return np.stack(kept)
 
     return chunk
