@@ -206,6 +206,27 @@ def test_how_old_what_nodes_used_was_by_their_own_word_and_in_a_span_of_time():
     assert monitor.lateness(Kind.ESTIMATE, 100.5, 101.5) == pytest.approx(0.2)
 
 
+def says(hand, name, sequence, age):
+    """A status with the age of the one message that was used."""
+    values = np.zeros(len(STATUS_FIELDS) + len(LINK_FIELDS))
+    values[len(STATUS_FIELDS) :][:2] = 2, age
+    frame = Frame(Kind.STATUS, name, 1, sequence, hand.time, (), values)
+    hand.feed(node_key("n", name, "status"), encode_frame(frame))
+
+
+@pytest.mark.parametrize("first", [0.001, 0.004, 0.0199])
+def test_the_age_of_messages_is_that_of_both_ways_also_where_one_says_more_often(first):
+    """A part p of a period one way, 1 - p back: half a period, whoever tells more often and whatever stalls once."""
+    hand, monitor = watching()
+    for k in range(20):
+        hand.time = 100.0 + k
+        says(hand, "a", k, 3.0 if k == 7 else first)
+        if k % 3:
+            says(hand, "b", k, 0.02 - first)
+    monitor.poll()
+    assert monitor.link_age() == pytest.approx(0.01, abs=1e-12)
+
+
 def test_readings_of_arcs_that_nobody_has_are_forgotten():
     hand, monitor = watching()
     for label in (0.0, 1e6, 0.5, -1.0):

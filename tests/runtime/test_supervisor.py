@@ -60,6 +60,21 @@ def test_a_process_that_keeps_failing_is_started_ever_more_seldom(failing):
     assert failing.dead == ("0",)
 
 
+def test_what_ended_at_the_end_hides_no_failure_before_it(failing):
+    """Stopped while it is being started once more, or just after it died, it says why it had failed."""
+    failing.start()
+    assert failing.reason("0") is None
+    child = failing._group["0"]
+    child.process.wait()
+    failing.tick()
+    for wait in (False, True):
+        failing.revive("0")
+        if wait:
+            failing._group["0"].process.wait()
+        failing.stop()
+        assert failing.reason("0").startswith("ended with exit code 2: error: cannot listen on unixsock")
+
+
 def test_a_disk_that_refuses_does_not_end_the_run(failing):
     """Neither the status nor the output can be written: what runs goes on, is started again, and is ended in order."""
     failing.start()

@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.linalg as la
-import scipy.sparse as sp
 
 from trigpoint.arrays import FloatArray, at_most
 from trigpoint.certificates import programs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.errors import ArgumentError
 from trigpoint.linalg.balls import Ball, is_positive
+from trigpoint.linalg.blocks import diagonal_of
 from trigpoint.linalg.equations import near_singular_allowed
 from trigpoint.linalg.verified import is_positive_definite, up
 from trigpoint.model import SharedPlant
@@ -131,7 +131,7 @@ def _entry(problem: Problem) -> FloatArray:
     if isinstance(problem, SharedPlant):
         return np.eye(problem.n_states)
     blocks = [np.eye(agent.n_states) if agent.E is None else agent.E for agent in problem.agents]
-    return np.asarray(sp.block_diag(blocks).toarray())
+    return np.asarray(diagonal_of(blocks).toarray())
 
 
 @np.errstate(over="ignore", invalid="ignore")

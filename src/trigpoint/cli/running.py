@@ -95,7 +95,7 @@ def run_command(
             last = live.follow(seconds, show)
         facts = facts_of(live, last, designed.programs)
     for name in dict.fromkeys([*facts["dead"], *facts["silent"]]):
-        notice(f"node {name} was not heard at the end; {live.supervisor.reason(name) or 'its process runs'}")
+        notice(f"node {name} was not heard at the end; {live.supervisor.reason(name) or 'its process ran to the end'}")
     if live.trouble is not None:
         notice(f"the log ends early: {live.trouble}")
     if as_json:

@@ -28,6 +28,7 @@ Hook = Callable[[Frame, float], None]
 _WAITING = 65536
 _WAITING_BYTES = 256 * 2**20
 _REMEMBERED = 16384
+_AGES = 4096  # a link: half an hour of statuses
 _FORGET = 5.0
 _RATE = 1000.0  # frames a second of one key
 _SAID = {
@@ -160,7 +161,7 @@ class Monitor:
         self._statuses: dict[str, NodeStatus] = {}
         self._readings: dict[int, FloatArray] = {}
         self._late = {k: deque[tuple[float, float]](maxlen=_REMEMBERED) for k in (Kind.ESTIMATE, Kind.READING)}
-        self._ages: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
+        self._ages: dict[tuple[str, str], deque[tuple[float, float]]] = {}
         self.hooks: list[Hook] = []
         self.received = self.dropped = self.malformed = self.strangers = self.flooded = self.received_bytes = 0
         for pattern in watched(network):
@@ -233,13 +234,16 @@ class Monitor:
         return max(0.0, self._median(self._late[kind], since, until) or 0.0)
 
     def link_age(self, since: float = -np.inf, until: float = np.inf) -> float | None:
-        """Median age of the messages that nodes used, as they say themselves in their statuses.
+        """Age of the messages that nodes used, as they say themselves: the median of each link, their mean over links.
 
         Of LIVE links, in statuses that arrived from ``since`` to ``until`` (by the clock); None where there is none. Of
-        two nodes with equal periods one hears the other's message a part p of a period late, the other the one's 1 - p,
-        so that the median is the mean as well while nothing stalls.
+        two nodes with equal periods one hears the other's message a part p of a period late, the other the one's 1 - p
+        or more: the mean over both is half a period at least, while a median over all links would be p or 1 - p where
+        all start together. Over time it is the median, as stalls now and then say nothing about the rest.
         """
-        return self._median(self._ages, since, until)
+        medians = [self._median(pairs, since, until) for pairs in list(self._ages.values())]
+        found = [age for age in medians if age is not None]
+        return float(np.mean(found)) if found else None
 
     def _median(self, pairs: deque[tuple[float, float]], since: float, until: float) -> float | None:
         with self._lock:
@@ -256,8 +260,10 @@ class Monitor:
             status = node_status(_without_newcomers(frame, len(hears)), hears)
             if _newer(frame, arrived, self._said):
                 self._statuses[frame.sender] = status
-                live = (link.age for link in status.links if link.state is State.LIVE and link.age is not None)
-                self._ages.extend((arrived, age) for age in live)
+                for link in status.links:
+                    if link.state is State.LIVE and link.age is not None:
+                        pairs = self._ages.setdefault((frame.sender, link.neighbour), deque(maxlen=_AGES))
+                        pairs.append((arrived, link.age))
         elif frame.kind is Kind.TRUTH:
             _newer(frame, arrived, self._truths)
         elif frame.kind is Kind.ESTIMATE:

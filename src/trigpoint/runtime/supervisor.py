@@ -137,6 +137,9 @@ class Supervisor:
         """End everybody in order: nodes first, who say goodbye, then the plant; the stubborn are killed."""
         with self._lock:
             self._measure()
+            for child in self._everybody():
+                if child.process is not None and child.process.poll() is not None:
+                    self._buried(child)  # by itself, since the last look
             self._lost = self.dead
             for group in (self._children, [] if self._plant is None else [self._plant]):
                 running = [child for child in group if child.process is not None]
@@ -150,7 +153,7 @@ class Supervisor:
                     except subprocess.TimeoutExpired:
                         _signal(child, signal.SIGKILL)
                         child.process.wait()
-                    self._buried(child)
+                    self._buried(child, "told to end: ")
                     child.due = None
             self._write_status()
 
@@ -266,15 +269,15 @@ class Supervisor:
         child.due = now + backoff(child.failures)
         return True
 
-    def _buried(self, child: _Child) -> None:
-        """Keep the accounts of a process that has ended."""
+    def _buried(self, child: _Child, why: str = "") -> None:
+        """Keep the accounts of a process that has ended; ``why``, where it was not by itself."""
         assert child.process is not None  # only called for one that ended
         child.exit_code = child.process.returncode
         if child.process.stdin is not None:
             child.process.stdin.close()
         child.spent, child.cpu, child.process = child.spent + child.cpu, 0.0, None
         said = self._last_words(child) if child.exit_code else ""
-        self._note(child, f"ended with {_words(child.exit_code)}{said}")
+        self._note(child, f"{why}ended with {_words(child.exit_code)}{said}")
 
     def _output(self, child: _Child) -> Path:
         return self._plan.folder / "output" / f"process-{self._everybody().index(child)}.txt"
@@ -290,7 +293,7 @@ class Supervisor:
         return f": {lines[-1]}" if lines and child.exit_code == 2 else ""
 
     def reason(self, name: str) -> str | None:
-        """Why the process of the node ``name`` ended the last time; None where it never did."""
+        """Why the process of the node ``name`` ended the last time; None where only ``stop`` ended it."""
         label = self._child(name).label
         return next((text for _, who, text in reversed(self.events) if who == label and text.startswith("ended")), None)
 
