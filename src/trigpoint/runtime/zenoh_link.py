@@ -16,6 +16,7 @@ from trigpoint.errors import ArgumentError, MissingExtraError
 from trigpoint.runtime.access import AccessRules, node_rules
 from trigpoint.runtime.endpoints import Address, parse_address
 from trigpoint.runtime.settings import Identity, NodeSettings
+from trigpoint.runtime.sockets import let_go
 from trigpoint.runtime.topics import node_key
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink
 
@@ -120,6 +121,7 @@ class ZenohTransport:
         rules: AccessRules | None = None,
     ) -> None:
         self._addresses = tuple(parse_address(text) for text in (*([listen] if listen else []), *connect))
+        self._listens = self._addresses[0] if listen else None
         settings = session_config(listen, connect, identity=identity, rules=rules)
         self._zenoh = _zenoh()
         config = self._zenoh.Config()
@@ -220,6 +222,8 @@ class ZenohTransport:
         An attempt to connect that is under way is waited for, 1 s at most. Not to be called from a sink.
         """
         self._end()
+        if self._listens is not None and self._listens.kind == "quic":
+            let_go(self._listens)
         self._held.clear()
         self._publishers.clear()
 
