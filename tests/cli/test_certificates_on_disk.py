@@ -259,6 +259,42 @@ def test_every_claim_has_an_option(folder: Path) -> None:
     refused(trigpoint("certify", folder / "observer.json", "--arrival", 0.9), "--arrival needs --period")
 
 
+def test_options_that_state_several_claims_and_those_that_share_one(folder: Path) -> None:
+    """A family beside an interval, a period beside a loss; one bound where levels are given in two ways."""
+    options = ("--max-nodes", 8, "--floor", 0.5, "--ceiling", 2.0, "--mu", 0.1, "--process", 0.3)
+    result = trigpoint("certify", folder / "observer.json", *options, "--period", 0.01, "--arrival", 0.9, "--json")
+    claims = [(entry["claim"], entry["numbers"]) for entry in json_of(result)["claims"]]
+    families = [numbers["max_nodes"] for name, numbers in claims if name == "switching-stability"]
+    assert families == [8, 0]
+    levels = [(numbers["process"], numbers["measurement"]) for name, numbers in claims if name == "covariance-bound"]
+    assert levels == [(0.3, 0.1)]
+    names = [name for name, _ in claims]
+    assert {"sampled-stability", "mean-square-stability"} <= set(names)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        *(
+            (option, value, "a positive number")
+            for option in ("--period", "--floor")
+            for value in ("nan", "inf", 0, -1)
+        ),
+        ("--rate", "nan", "a number"),
+        ("--rate", "inf", "a number"),
+        ("--max-nodes", 0, "a whole number, 1 or more"),
+        ("--delay", -1, "seconds, 0 or more"),
+        ("--mu", "nan", "a noise level, 0 or more"),
+        ("--process", -0.5, "a noise level, 0 or more"),
+        ("--measurement", "inf", "a noise level, 0 or more"),
+        ("--arrival", 1.5, "a probability above 0, at most 1"),
+        ("--arrival", 0, "a positive number"),
+    ],
+)
+def test_numbers_out_of_range_are_no_claims(folder: Path, option: str, value: Any, expected: str) -> None:
+    refused(trigpoint("certify", folder / "observer.json", f"{option}={value}"), f"{option}: got", expected)
+
+
 @pytest.mark.parametrize(
     "forge", [misshapen, missing, numberless, renamed, newer, huge, relabelled, claimless, strange]
 )

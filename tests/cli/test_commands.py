@@ -222,6 +222,27 @@ def test_simulate_gives_the_promised_numbers(network: Path, tmp_path: Path) -> N
     assert (tmp_path / "run.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
+def test_what_a_file_states_and_what_an_option_states_go_together(tmp_path: Path) -> None:
+    """Covariances and times are arrays once the file is read; an option beside them reads them once more."""
+    choices = "[design]\nprocess = [[1e-4, 0], [0, 1e-4]]\nmeasurement = 0.5\n[simulate]\ntimes = [0.0, 1.0, 2.0]\n"
+    path = written(tmp_path, "s.toml", SCENARIO + choices)
+    gains = [json_of(trigpoint("design", path, "--margin", m, "--json"))["gain"] for m in (1.5, 3.0)]
+    assert gains[1] == pytest.approx(2.0 * gains[0])
+    assert json_of(trigpoint("simulate", path, "--period", 0.01, "--json"))["path"] == "stacked"
+
+
+def test_an_island_stops_no_check(tmp_path: Path) -> None:
+    """Its verdict and its advice are what is needed then; only losses cannot be studied."""
+    path = written(tmp_path, "n.csv", "from,to,value\n,A,1.0\nA,B,1.0\nC,D,1.0\n")
+    result = trigpoint("check", path, "--what-if", "--recommend", 1, "--json")
+    facts = json_of(result)
+    assert (result.exit_code, facts["verdict"], facts["what_if"]) == (1, "unobservable", None)
+    assert facts["recommendation"][0]["node"] in {"C", "D"}
+    assert result.stderr.startswith("--what-if is left out: ")
+    shown = trigpoint("check", path, "--what-if", "--recommend", 1)
+    assert (shown.exit_code, "nodes C, D have no path to an absolute reading" in shown.stdout) == (1, True)
+
+
 def test_simulate_is_repeatable_for_a_seed(tmp_path: Path) -> None:
     path = written(tmp_path, "s.toml", SCENARIO + "[simulate]\nhorizon = 5.0\nnoise = { measurement = 0.1 }\n")
     first, again, other = (

@@ -183,6 +183,8 @@ def test_discrete_agents() -> None:  # 6-F8
         tp.design(tp.NetworkedAgents(graph, fast), DiscreteKalman())
     with pytest.raises(MethodError, match="an island"):
         tp.design(tp.NetworkedAgents(tp.graphs.cycle(4), slow), DiscreteKalman())
+    with pytest.raises(MethodError, match="A = 0, after which every state is zero"):
+        tp.design(tp.NetworkedAgents(graph, tp.LinearAgent.static()), DiscreteKalman())
     with pytest.raises(MethodError, match="equal agents and scalar weights"):
         tp.design(tp.NetworkedAgents(graph, [slow, slow, slow, fast]), DiscreteKalman())
 

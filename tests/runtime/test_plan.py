@@ -139,14 +139,17 @@ def test_an_observer_for_one_period_runs_at_no_other(tmp_path):
                 rate_of(RunSection(rate=10.0), found)
 
 
-DISCRETE = CHAIN.replace("[simulate]", '[design]\nmethod = "discrete-kalman"\nperiod = 0.1\n[simulate]')
+DISCRETE = CHAIN.replace(
+    "[simulate]",
+    '[agent]\nA = [[1.0]]\nC = [[1.0]]\n[design]\nmethod = "discrete-kalman"\nperiod = 0.1\n[simulate]',
+)
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         (DISCRETE, "no common clock"),
-        (DISCRETE.replace("discrete-kalman", "accelerated"), "no common clock"),
+        (DISCRETE.replace("discrete-kalman", "accelerated").replace("A = [[1.0]]", "A = [[0.0]]"), "no common clock"),
         (PLANT + '[design]\nmethod = "projected-consensus"\nrate = 1.0\nperiod = 0.1\n', "program of its own"),
     ],
 )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 
 from trigpoint.certificates import (
     CLAIMS,
@@ -19,6 +20,18 @@ from trigpoint.certificates import (
 from trigpoint.errors import ArgumentError
 from trigpoint.observers.network import NetworkObserver
 
+_BEYOND = -math.ulp(0.0)
+_RANGES: dict[str, tuple[float, str]] = {
+    "rate": (-math.inf, "a number"),
+    "delay": (_BEYOND, "seconds, 0 or more"),
+    "max_nodes": (0, "a whole number, 1 or more"),
+    "mu": (_BEYOND, "a noise level, 0 or more"),
+    "process": (_BEYOND, "a noise level, 0 or more"),
+    "measurement": (_BEYOND, "a noise level, 0 or more"),
+    "observable": (-1.0, ""),
+}
+"""Above what an option lies, and in words; others are positive."""
+
 
 @dataclass(frozen=True)
 class Asked:
@@ -28,12 +41,15 @@ class Asked:
         rate: 1/s, of ``Convergence``, in place of the design's own.
         floor, ceiling: ends of the spectrum, of ``SwitchingStability``.
         max_nodes: largest network, of ``SwitchingStability``.
-        period: seconds, of ``SampledStability``; of ``MeanSquareStability`` where ``arrival`` is given.
+        period: seconds, of ``SampledStability``, and of ``MeanSquareStability`` where ``arrival`` is given.
         delay: seconds, of ``DelayMargin``.
         arrival: probability, of ``MeanSquareStability``.
         mu: noise level, of ``NoiseBudget`` and ``CovarianceBound``.
-        process, measurement: noise levels of ``CovarianceBound``; 1 where only the other is given.
+        process, measurement: noise levels of ``CovarianceBound``; mu where only the other is given, 1 without mu.
         observable: whether ``Observable`` is asked for.
+
+    Raises:
+        ArgumentError: a number outside its range.
     """
 
     rate: float | None = None
@@ -48,15 +64,25 @@ class Asked:
     measurement: float | None = None
     observable: bool = False
 
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value, (least, words) = getattr(self, field.name), _RANGES.get(field.name, (0.0, "a positive number"))
+            if value is not None and not (least < value < math.inf):
+                raise ArgumentError(f"--{field.name.replace('_', '-')}: got {value}, expected {words}")
+        if self.arrival is not None and self.arrival > 1.0:
+            raise ArgumentError(f"--arrival: got {self.arrival}, expected a probability above 0, at most 1")
+
 
 def claims_for(observer: NetworkObserver, asked: Asked) -> list[Claim]:
     """The claims that concern ``observer`` unasked, and one for each option of ``asked``."""
     claims: list[Claim] = [kind() for kind in CLAIMS if kind.concerns(observer)]
     if asked.rate is not None:
         claims = [Convergence(asked.rate) if isinstance(claim, Convergence) else claim for claim in claims]
-    if asked.max_nodes is not None or asked.floor is not None or asked.ceiling is not None:
-        claims.append(SwitchingStability(asked.floor, asked.ceiling, asked.max_nodes))
-    if asked.period is not None and asked.arrival is None:
+    if asked.max_nodes is not None:
+        claims.append(SwitchingStability(max_nodes=asked.max_nodes))
+    if asked.floor is not None or asked.ceiling is not None:
+        claims.append(SwitchingStability(asked.floor, asked.ceiling))
+    if asked.period is not None:
         claims = [claim for claim in claims if not isinstance(claim, SampledStability)]
         claims.append(SampledStability(asked.period))
     if asked.delay is not None:
@@ -71,8 +97,9 @@ def claims_for(observer: NetworkObserver, asked: Asked) -> list[Claim]:
 def _noise(asked: Asked) -> list[Claim]:
     claims: list[Claim] = []
     if asked.mu is not None:
-        claims += [NoiseBudget(asked.mu), CovarianceBound(asked.mu, asked.mu)]
-    if asked.process is not None or asked.measurement is not None:
-        levels = (1.0 if level is None else level for level in (asked.process, asked.measurement))
+        claims.append(NoiseBudget(asked.mu))
+    if any(level is not None for level in (asked.mu, asked.process, asked.measurement)):
+        other = 1.0 if asked.mu is None else asked.mu
+        levels = (other if level is None else level for level in (asked.process, asked.measurement))
         claims.append(CovarianceBound(*levels))
     return claims

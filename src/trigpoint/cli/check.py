@@ -10,9 +10,11 @@ import typer
 from rich.table import Table
 
 from trigpoint.analysis import (
+    Contingency,
     Critical,
     Diagnosis,
     EigenvalueBound,
+    Recommendation,
     agent_knowledge,
     critical,
     diagnose,
@@ -24,7 +26,7 @@ from trigpoint.analysis import (
 )
 from trigpoint.arrays import at_least, at_most
 from trigpoint.cli.compose import Given, estimating, read
-from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, console, emit, guarded
+from trigpoint.cli.shell import FAILS, HOLDS, UNDECIDED, Input, Json, console, emit, guarded, notice
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.io import ScenarioFile, load
 from trigpoint.model import SharedPlant
@@ -62,16 +64,18 @@ def check(
     diagnosis = diagnose(given.problem)
     bound = smallest_eigenvalue(graph)
     weak = critical(given.graph)
-    further = {"recommendation": _recommended(graph, recommend), "what_if": _losses(graph, what_if)}
+    advice = recommend_anchors(graph, recommend) if recommend else None
+    study = without_each(graph) if what_if and graph.is_externally_connected else None
     if as_json:
+        further = {"recommendation": _recommended(advice), "what_if": _losses(graph, study)}
         emit({**facts(given.graph, diagnosis, bound), "critical": _weak_points(weak), **further})
     else:
+        parts = [part.summary() for part in (weak, advice) if part is not None]
+        parts += [] if study is None else [study.summary(_SHOWN)]
         _show(given, diagnosis, bound)
-        console().print(f"\n{weak.summary()}")
-        if recommend:
-            console().print(f"\n{recommend_anchors(graph, recommend).summary()}")
-        if what_if:
-            console().print(f"\n{without_each(graph).summary(_SHOWN)}")
+        console().print("".join(f"\n{part}\n" for part in parts), end="")
+    if what_if and study is None:
+        notice("--what-if is left out: some nodes have no path to an anchor even while nothing is lost (see above)")
     return _CODE[diagnosis.observable]
 
 
@@ -115,20 +119,18 @@ def _weak_points(weak: Critical) -> dict[str, Any]:
     }
 
 
-def _recommended(graph: MeasurementGraph, count: int) -> list[dict[str, Any]] | None:
-    if not count:
+def _recommended(found: Recommendation | None) -> list[dict[str, Any]] | None:
+    if found is None:
         return None
-    found = recommend_anchors(graph, count)
     return [
-        {"node": graph.names[node], "lambda_min": value, "gain_bound": gain}
+        {"node": found.graph.names[node], "lambda_min": value, "gain_bound": gain}
         for node, value, gain in zip(found.nodes, found.eigenvalues.tolist(), found.gain_bounds.tolist(), strict=True)
     ]
 
 
-def _losses(graph: MeasurementGraph, wanted: bool) -> list[dict[str, Any]] | None:
-    if not wanted:
+def _losses(graph: MeasurementGraph, study: Contingency | None) -> list[dict[str, Any]] | None:
+    if study is None:
         return None
-    study = without_each(graph)
     return [
         {
             "row": int(arc),

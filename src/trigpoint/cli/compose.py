@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
+from pydantic import ValidationError
 
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.io import ScenarioFile, load
+from trigpoint.io.section_base import Section
 from trigpoint.io.sections import DesignSection, RunSection, SimulateSection
 from trigpoint.io.toml_lines import KeyPath
 from trigpoint.model import HyperNetwork, LinearAgent, Network, NetworkedAgents, SharedPlant
@@ -173,10 +176,25 @@ def changed(design: DesignSection, **options: object) -> DesignSection:
         given["gain"] = _number_or_word(str(given["gain"]))
         if isinstance(given["gain"], float) and "margin" in given:
             raise ArgumentError("--margin belongs to --gain from-graph or worst-case; a given gain is taken as it is")
+    return with_options(design, given)
+
+
+S = TypeVar("S", bound=Section)
+
+
+def with_options(section: S, given: Mapping[str, object]) -> S:
+    """A file's section with what the command line gives instead, checked like the file's own."""
     try:
-        return DesignSection.model_validate({**design.model_dump(exclude_none=True), **given})
-    except ValueError as error:
-        raise ArgumentError(_first_line(error)) from error
+        return type(section).model_validate({**section.model_dump(exclude_none=True), **given})
+    except ValidationError as error:
+        first = error.errors()[0]
+        said = first["msg"].removeprefix("Value error, ")
+        if not first["loc"]:
+            raise ArgumentError(said) from error
+        option = "--" + str(first["loc"][0]).replace("_", "-")
+        if not said.startswith("got "):
+            said = f"got {first['input']!r}, expected {said.removeprefix('Input should be ')}"
+        raise ArgumentError(f"{option}: {said}") from error
 
 
 def _number_or_word(text: str) -> object:
@@ -184,15 +202,6 @@ def _number_or_word(text: str) -> object:
         return float(text)
     except ValueError:
         return text
-
-
-def _first_line(error: ValueError) -> str:
-    errors = getattr(error, "errors", None)
-    if errors is None:
-        return str(error)
-    first = errors()[0]
-    where = "--" + ".".join(str(part) for part in first["loc"]).replace("_", "-")
-    return f"{where}: {first['msg'].removeprefix('Value error, ')}"
 
 
 def instants(simulate: SimulateSection, rate: float) -> np.ndarray:

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from trigpoint.analysis import diagnose
 from trigpoint.cli.choices import method_of
-from trigpoint.cli.compose import changed, part_of, read_any
+from trigpoint.cli.compose import changed, part_of, read_any, with_options
 from trigpoint.cli.live import LiveRun, facts_of, holds, log_of, replayed, seconds_of
 from trigpoint.cli.live_plan import Design, Places, ignored_troubles, plan_of
 from trigpoint.cli.nodes import Plain, warn_of
@@ -107,14 +107,7 @@ def run_command(
 
 def changed_run(section: RunSection, **options: object) -> RunSection:
     """The run section with the command line's own options, checked like a file's."""
-    given = {key: value for key, value in options.items() if value is not None}
-    try:
-        return RunSection.model_validate({**section.model_dump(exclude_none=True), **given})
-    except ValueError as error:
-        first = getattr(error, "errors", list)()[0]
-        option = "--" + str(first["loc"][0]).replace("_", "-")
-        expected = first["msg"].removeprefix("Input should be ")
-        raise ArgumentError(f"{option}: got {first['input']!r}, expected {expected}") from error
+    return with_options(section, {key: value for key, value in options.items() if value is not None})
 
 
 @contextmanager

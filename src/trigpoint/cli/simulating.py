@@ -12,12 +12,11 @@ from rich.table import Table
 from trigpoint.analysis import diagnose
 from trigpoint.arrays import at_least
 from trigpoint.cli.choices import method_of
-from trigpoint.cli.compose import Estimating, Given, Stated, changed, instants, part_of, read_any
+from trigpoint.cli.compose import Estimating, Given, Stated, changed, instants, part_of, read_any, with_options
 from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Rate, Weights, options_of, served
 from trigpoint.cli.places import placed
 from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, ending, guarded, notice, tracked
 from trigpoint.cli.trouble import trouble_of
-from trigpoint.errors import ArgumentError
 from trigpoint.estimation import estimate
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.io import require_writer, save, write_atomically
@@ -89,15 +88,8 @@ def _section(
     given: dict[str, Any] = {
         key: value for key, value in (("period", period), ("seed", seed), ("horizon", horizon)) if value is not None
     }
-    kept = section.model_dump(exclude_none=True)
-    if horizon is not None:
-        kept.pop("times", None)
-    if not all(np.isfinite(value) for value in given.values()):
-        raise ArgumentError(f"--horizon and --period must be finite; got {horizon}, {period}")
-    try:
-        return SimulateSection.model_validate({**kept, **given})
-    except ValueError as error:
-        raise ArgumentError(f"--horizon and --period must be positive, --seed at least 0; got {given}") from error
+    kept = section if horizon is None else section.model_copy(update={"times": None})
+    return with_options(kept, given)
 
 
 def scenario_of(

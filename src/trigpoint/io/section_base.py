@@ -33,4 +33,6 @@ Size = Annotated[float, Field(ge=0)]
 class Section(BaseModel):
     """Frozen, strict, no undeclared key."""
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        frozen=True, strict=True, extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False
+    )

@@ -21,8 +21,13 @@ from trigpoint.io.trouble_sections import (
 )
 
 
+def _listed(value: Any) -> Any:
+    """What was read before and comes again, as a section with one more option, is an array already."""
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
 def _matrix(value: Any) -> FloatArray:
-    rows = [[value]] if is_number(value) else value
+    rows = [[value]] if is_number(value) else _listed(value)
     whole = isinstance(rows, list) and rows and all(isinstance(row, list) and row for row in rows)
     if not whole or not all(is_number(entry) for row in rows for entry in row):
         raise ValueError(f"got {shown(value)}, expected a matrix such as [[0, 1], [0, 0]]")
@@ -46,6 +51,7 @@ def _gain(value: Any) -> Any:
 
 
 def _instants(value: Any) -> FloatArray:
+    value = _listed(value)
     if not isinstance(value, list) or not value or not all(map(is_number, value)):
         raise ValueError(f"got {shown(value)}, expected a list of times in seconds")
     times = frozen(value)

@@ -170,6 +170,13 @@ class DiscreteKalman(Method):
                 "Write NetworkedAgents(graph, agent).",
             )
         agent = problem.agent
+        if not agent.A.any():
+            raise MethodError(
+                "DiscreteKalman",
+                "an A that is the map over one period",
+                "A = 0, after which every state is zero",
+                "The map of constants is the identity: A = C = [[1.0]], in the [agent] table or in LinearAgent(A, C).",
+            )
         bound = smallest_eigenvalue(problem.graph)
         ends = (bound.lower, largest_eigenvalue_bound(problem.graph))
         if ends[0] <= 0.0:
