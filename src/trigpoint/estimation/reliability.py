@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from trigpoint.arrays import FloatArray
 from trigpoint.errors import ArgumentError
@@ -46,7 +46,7 @@ class GlobalTest:
     @staticmethod
     def of(statistic: float, degrees_of_freedom: int, level: float) -> GlobalTest:
         """Test ``statistic`` on ``degrees_of_freedom`` at ``level``."""
-        below, above = (float(side(statistic, degrees_of_freedom)) for side in (stats.chi2.cdf, stats.chi2.sf))
+        below, above = (float(side(degrees_of_freedom, statistic)) for side in (special.chdtr, special.chdtrc))
         return GlobalTest(statistic, degrees_of_freedom, min(1.0, 2.0 * min(below, above)), level)
 
     @property
@@ -86,12 +86,12 @@ def suspects_of(standardized: FloatArray, freedom: int | None) -> tuple[int, ...
     """
     worst = np.abs(standardized).max(axis=1, initial=0.0)
     if freedom is None:
-        level = float(stats.norm.isf(SUSPECT_PROBABILITY / 2.0))
+        level = -float(special.ndtri(SUSPECT_PROBABILITY / 2.0))
     elif freedom < 2:
         return ()
     else:
         # |t| = w sqrt((f - 1) / (f - w^2)) is Student's with f - 1 degrees of freedom; solved for w.
-        t = float(stats.t.isf(SUSPECT_PROBABILITY / 2.0, freedom - 1))
+        t = -float(special.stdtrit(freedom - 1, SUSPECT_PROBABILITY / 2.0))
         level = t * float(np.sqrt(freedom / (freedom - 1 + t * t)))
     found = np.flatnonzero(worst > level)
     return tuple(int(k) for k in found[np.argsort(-worst[found], kind="stable")])

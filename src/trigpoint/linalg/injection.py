@@ -7,7 +7,6 @@ import warnings
 import numpy as np
 import scipy.linalg as la
 from scipy.optimize import linear_sum_assignment
-from scipy.signal import place_poles
 
 from trigpoint.arrays import FloatArray
 from trigpoint.linalg.equations import filter_riccati, spectral_abscissa
@@ -111,6 +110,8 @@ def _correction(closed: FloatArray, C: FloatArray, eigenvalues: np.ndarray) -> F
 
 
 def _placed(A: FloatArray, C: FloatArray, eigenvalues: np.ndarray, sweeps: int) -> FloatArray:
+    from scipy.signal import place_poles  # here: it brings scipy.stats, which takes longer to load than all else
+
     with warnings.catch_warnings():
         # The placement's own stopping rule is about robustness, not about the eigenvalues.
         warnings.simplefilter("ignore", UserWarning)
