@@ -179,7 +179,9 @@ def test_progress_on_a_terminal_changes_no_number(monkeypatch, tmp_path) -> None
 DESIGNS = [
     ('method = "local-kalmann"', "did you mean 'local-kalman'?"),
     ('method = "sampled"', "needs 'period' in [design]"),
-    ('method = "centralised"\nscheme = "abc"', "got 'abc'"),
+    ('method = "centralised"\nscheme = "abc"', "scheme of this method is one of full, reduced, extended; got 'abc'"),
+    ('method = "sampled"\nperiod = 0.1\nscheme = "abc"', "one of held, euler, innovation-held; got 'abc'"),
+    ('method = "accelerated"\nscheme = "abc"', "one of heavy-ball, chebyshev, second-order; got 'abc'"),
     ('method = "local-kalman"\nrate = 3.0', "'rate' does not belong to the method 'local-kalman'"),
     ('gain = "worst-case"', "needs max_nodes"),
     ('method = "brasch-pearson"', "needs 'eigenvalues'"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from trigpoint.methods import (
     SpectrumAssignment,
     WorstCase,
 )
+from trigpoint.methods.accelerated import Scheme
+from trigpoint.methods.centralised import Kind
+from trigpoint.methods.sampled import Form
 from trigpoint.model import NetworkedAgents, SharedPlant
 
 _GAIN = ("gain", "margin", "max_nodes")
@@ -49,13 +52,24 @@ def _local_kalman(design: DesignSection, _: Any) -> LocalKalman:
     return LocalKalman(gain=gain_rule(design), process=design.process, measurement=design.measurement)
 
 
+def _scheme(design: DesignSection, kinds: Any) -> Any:
+    """The ``scheme`` of the file, one of these ``kinds``; the first one unless given."""
+    known = get_args(kinds)
+    if design.scheme is None:
+        return known[0]
+    if design.scheme not in known:
+        text = f"scheme of this method is one of {', '.join(known)}; got {design.scheme!r}"
+        raise PlacedError(("design", "scheme"), text)
+    return design.scheme
+
+
 def _sampled(design: DesignSection, problem: Any) -> Method:
-    form: Any = "held" if design.scheme is None else design.scheme
+    form = _scheme(design, Form)
     return Sampled(_needed(design, "period"), form, _local_kalman(design, problem))
 
 
 def _accelerated(design: DesignSection, _: Any) -> Method:
-    scheme: Any = "heavy-ball" if design.scheme is None else design.scheme
+    scheme = _scheme(design, Scheme)
     return Accelerated(scheme, period=1.0 if design.period is None else design.period)
 
 
@@ -69,8 +83,7 @@ def _spectrum(design: DesignSection, problem: Any) -> Method:
 
 
 def _centralised(design: DesignSection, _: Any) -> Method:
-    kind: Any = "full" if design.scheme is None else design.scheme
-    return Centralised(kind, design.eigenvalues, design.rate)
+    return Centralised(_scheme(design, Kind), design.eigenvalues, design.rate)
 
 
 ROWS: dict[str, Row] = {

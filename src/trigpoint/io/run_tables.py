@@ -67,7 +67,7 @@ def _bytes(run: Any, name: str, write: Any) -> bytes:
     if not isinstance(run, Run):
         raise ArgumentError(f"{Path(name).suffix} holds recorded runs; got a {type(run).__name__}")
     tables()
-    table = run.dataset.drop_vars("error")
+    table = run.dataset
     table["status"] = table["status"].astype(object)
     table["node"] = table["node"].astype(object)
     header = {"path": run.path, "attributes": dict(run.attributes)}
