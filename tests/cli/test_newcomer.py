@@ -1,6 +1,7 @@
 """What a newcomer does wrong first, and what would surprise: each is said in words."""
 
 import re
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import trigpoint as tp
+from trigpoint import cli
 from trigpoint.cli import app
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -184,3 +186,20 @@ def test_printed_bounds_claim_no_more_than_was_proved(tmp_path):
 def test_help_is_wrapped_to_the_terminal():
     text = run("simulate", "--help").stdout
     assert "least-squares answer" in " ".join(text.split())
+
+
+def test_an_interruption_while_the_program_loads_shows_no_traceback(monkeypatch, capsys) -> None:
+    class Loading:
+        def __getattr__(self, name: str) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "trigpoint.cli.app", Loading())
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == 130
+    assert capsys.readouterr().err == "Aborted!\n"
+
+
+def test_the_command_line_has_no_other_names() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'apples'"):
+        _ = cli.apples

@@ -1,5 +1,32 @@
 """The command line: composes the spokes, holds no mathematics. Every command but ``node`` has ``--json``."""
 
-from trigpoint.cli.app import app, main
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from trigpoint.cli.app import app
 
 __all__ = ["app", "main"]
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+
+def main() -> None:
+    """Entry point of the ``trigpoint`` command; Ctrl-C while it still loads ends it without a traceback."""
+    try:
+        from trigpoint.cli.app import app
+    except KeyboardInterrupt:
+        print("Aborted!", file=sys.stderr)  # what click says later on
+        sys.exit(INTERRUPTED)
+    app()
+
+
+def __getattr__(name: str) -> Any:
+    if name == "app":
+        from trigpoint.cli.app import app
+
+        return app
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -61,8 +61,3 @@ for _name, _command in (
     ("demo", demo),
 ):
     app.command(_name)(_command)
-
-
-def main() -> None:
-    """Entry point of the ``trigpoint`` command."""
-    app()
