@@ -162,7 +162,7 @@ def test_binary_content_is_refused(tmp_path, data, line):
 
 
 @given(networks())
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=150)
 def test_what_is_written_is_read_back(network):
     for delimiter in (",", "\t"):
         text = edge_list_text(network, delimiter)

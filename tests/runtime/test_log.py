@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from tests.machine import until, with_time
 from tests.runtime.logged import EPOCH, START, estimate, small_log, status
 from trigpoint.errors import ArgumentError, FileFormatError, MissingExtraError
 from trigpoint.runtime import (
@@ -192,7 +193,10 @@ while True:
 
 
 def test_a_killed_writer_loses_less_than_the_last_second(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
+    with_time(lambda attempt: kill_a_writer(tmp_path / f"run-{attempt}.mcap"))
+
+
+def kill_a_writer(path: Path) -> None:
     root = str(Path(__file__).resolve().parents[2])
     command = [sys.executable, "-c", KILLED.format(root=root), str(path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -218,10 +222,8 @@ def test_a_killed_writer_loses_less_than_the_last_second(tmp_path: Path) -> None
 def test_what_was_written_is_on_the_disk_soon_without_being_closed(tmp_path: Path) -> None:
     log = LogWriter(tmp_path / "run.mcap", network="n", names=["a"], attributes={})
     log.write(estimate("a", 0, 1.0, [2.0]), 1.0)
-    limit = time.monotonic() + 20.0
-    while not (found := read_log(tmp_path / "run.mcap").estimates) and time.monotonic() < limit:
-        time.sleep(0.05)
-    assert found["a"].values.tolist() == [[2.0]]
+    assert until(lambda: read_log(tmp_path / "run.mcap").estimates)
+    assert read_log(tmp_path / "run.mcap").estimates["a"].values.tolist() == [[2.0]]
     log.close()
     log.close()
     assert log.failure is None

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from tests.machine import until, with_time
 from tests.runtime import links
 from tests.runtime.two_hosts import Host, Talker, hosts
 from trigpoint.runtime import BestEffort, MemoryNetwork, Reliable, make_keys, parse_address
@@ -35,8 +36,8 @@ def test_loss_and_partition_between_hosts(kind, tmp_path) -> None:
             stack.callback(listener.close)
             connector = Talker(second, "", [where], identities[1])
             stack.callback(connector.close)
-            assert links.until(lambda: connector("linked") == 1 == listener("linked"))
-            assert links.until(lambda: len(connector("ask", 1, 0.0, 0.1)["order"]) == 1)
+            assert until(lambda: connector("linked") == 1 == listener("linked"))
+            assert until(lambda: len(connector("ask", 1, 0.0, 0.1)["order"]) == 1)
             loses(kind, found, connector)
             parts(kind, found, connector)
 
@@ -66,7 +67,7 @@ def loses(kind: str, found: tuple[Host, Host], connector: Talker) -> None:
             host.within("nft", "flush", "ruleset")
         with contextlib.suppress(OSError):
             host.within("tc", "qdisc", "del", "dev", host.device, "root")
-    assert links.until(lambda: len(connector("ask", 10, INTERVAL, 1.0)["order"]) == 10)
+    assert until(lambda: len(connector("ask", 10, INTERVAL, 1.0)["order"]) == 10)
 
 
 def parts(kind: str, found: tuple[Host, Host], connector: Talker) -> None:
@@ -74,13 +75,13 @@ def parts(kind: str, found: tuple[Host, Host], connector: Talker) -> None:
     known = len(connector("presence"))
     found[1].cable("down")
     start = time.monotonic()
-    assert links.until(lambda: connector("presence")[known:] == [False])
+    assert until(lambda: connector("presence")[known:] == [False])
     noticed = time.monotonic() - start
     assert noticed < 3.0 * LEASE
     assert connector("linked") == 0
     found[1].cable("up")
     start = time.monotonic()
-    assert links.until(lambda: len(connector("ask", 1, 0.0, 0.1)["order"]) == 1, within=40.0)
+    assert until(lambda: len(connector("ask", 1, 0.0, 0.1)["order"]) == 1, within=40.0)
     print(f"{kind}: partition noticed after {noticed:.2f} s, rejoined {time.monotonic() - start:.2f} s after its end")
 
 
@@ -99,7 +100,7 @@ def in_memory(loss: float) -> None:
     network.deliver(1.5)
     sender.publish("x", b"lost")
     network.deliver(2.5)
-    assert links.until(lambda: heard, act=lambda: sender.publish("x", b"back"))
+    assert until(lambda: heard, act=lambda: sender.publish("x", b"back"))
     assert set(heard) == {b"back"}
 
 
