@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 
 from tests.io.drawn import assert_same, networks
 from trigpoint.errors import ArgumentError, FileFormatError

@@ -8,7 +8,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 
 from tests.io.drawn import XML_TEXT, assert_same, networks
 from trigpoint.errors import ArgumentError, FileFormatError

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from tests import machine
+from tests.machine import PATIENCE
 from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import part_of, read_any
 from trigpoint.cli.live import LiveRun
@@ -27,7 +28,6 @@ initial_error = 2.0
 rate = 25
 """
 GRID = (Path(__file__).resolve().parents[2] / "examples" / "grid_live.toml").read_text(encoding="utf-8")
-PATIENCE = 60.0
 
 
 def designed(path: Path) -> Design:
@@ -61,13 +61,10 @@ def living(text: str, folder: Path, **changes: Any) -> Iterator[LiveRun]:
             live.close()
 
 
-def until(live: LiveRun, what: Callable[[], Any], patience: float = PATIENCE) -> None:
+def until(live: LiveRun, what: Callable[[], Any]) -> None:
     """Let the run go on until ``what`` is true; the test fails where that never happens."""
-    limit = time.monotonic() + patience
-    while not what():
-        assert time.monotonic() < limit, f"not within {patience} s: {what.__doc__ or what}; {live.supervisor.events}"
-        live.step()
-        time.sleep(0.01)
+    came = machine.until(what, live.step, within=2.0 * PATIENCE)
+    assert came, f"not within {2.0 * PATIENCE} s: {what.__doc__ or what}; {live.supervisor.events}"
 
 
 def everybody_heard(live: LiveRun) -> bool:

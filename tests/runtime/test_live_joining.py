@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.shelled import MAIN, trigpoint
+from tests.machine import PATIENCE
 from tests.runtime.living import CHAIN, everybody_heard, living, until
 from trigpoint.runtime import (
     LINK_FIELDS,
@@ -113,4 +114,4 @@ def joining(live, file, identity) -> None:
         link.close()
         eye.close()
         process.send_signal(signal.SIGTERM)
-        assert process.wait(30) == 0
+        assert process.wait(PATIENCE) == 0

@@ -7,8 +7,7 @@ import time
 
 import pytest
 
-from tests.machine import until, with_time
-from tests.runtime import links
+from tests.machine import until
 from tests.runtime.two_hosts import Host, Talker, hosts
 from trigpoint.runtime import BestEffort, MemoryNetwork, Reliable, make_keys, parse_address
 from trigpoint.runtime.endpoints import SECURED

@@ -28,8 +28,8 @@ from trigpoint.runtime import (
     Transport,
     ZenohTransport,
     open_transport,
+    zenoh_link,
 )
-from trigpoint.runtime import zenoh_link
 from trigpoint.runtime.zenoh_link import LONGEST_MESSAGE, session_config
 from trigpoint.testing import check_transport
 
