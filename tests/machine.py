@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import resource
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -45,6 +47,44 @@ def until(done: Callable[[], object], act: Callable[[], object] = lambda: None, 
         act()
         time.sleep(0.005)
     return True
+
+
+# -- ports -------------------------------------------------------------------------------------------------------------
+_claims: list[socket.socket] = []
+
+
+def free_port(kind: int = socket.SOCK_STREAM) -> int:
+    """A port for this test process alone.
+
+    It is none of those that the system gives to whoever connects or asks for any port, and claimed, for as long as
+    this process lives, from other processes that run tests.
+    """
+    first_given = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text(encoding="ascii").split()[0])
+    for port in range(first_given - 1, 1024, -1):
+        claim, probe = socket.socket(socket.AF_UNIX), socket.socket(socket.AF_INET, kind)
+        try:
+            claim.bind(f"\0trigpoint-tests-{port}")
+            _claims.append(claim)
+            probe.bind(("127.0.0.1", port))
+        except OSError:  # somebody else's
+            claim.close()
+        else:
+            return port
+        finally:
+            probe.close()
+    raise AssertionError(f"no port below {first_given} is free")
+
+
+def listening() -> set[tuple[str, int]]:
+    """Addresses, in the hexadecimal digits of the system, and ports at which this process waits for connections."""
+    inodes = set()
+    for name in os.listdir("/proc/self/fd"):
+        with suppress(FileNotFoundError):  # closed meanwhile
+            inodes.add(os.readlink(f"/proc/self/fd/{name}"))
+    lines = [Path(f"/proc/net/{table}").read_text(encoding="ascii").splitlines()[1:] for table in ("tcp", "tcp6")]
+    rows = [line.split() for table in lines for line in table]
+    places = [row[1].split(":") for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in inodes]  # 0A: listens
+    return {(host, int(port, 16)) for host, port in places}
 
 
 # -- effort ------------------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ import pytest
 
 from tests.cli.shelled import MAIN, trigpoint
 from tests.machine import PATIENCE, until, with_time
-from tests.runtime.living import CHAIN, runs
+from tests.runtime.living import CHAIN, ports_of_our_own, runs
 from trigpoint.cli.live import Recorder, seconds_of
 from trigpoint.errors import ArgumentError
 from trigpoint.runtime import LINK_FIELDS, STATUS_FIELDS, Snapshot, State, parse_address, read_log, read_settings
@@ -174,7 +174,8 @@ def test_a_node_that_cannot_run_is_told_by_the_exit_code(scenario, tmp_path):
     status = tmp_path / "out" / "status.json"
 
     def tried_again():
-        return status.exists() and json.loads(status.read_text(encoding="utf-8"))["nodes"]["2"]["restarts"] >= 1
+        node = json.loads(status.read_text(encoding="utf-8"))["nodes"]["2"] if status.exists() else {"restarts": 0}
+        return node["restarts"] >= 3 and node["state"] == "waiting"  # for the next 4 s: it does not run at the end
 
     process = running("run", scenario, "--out", tmp_path / "out", "--json")
     with ended_at_last(process):
@@ -199,8 +200,9 @@ def test_nothing_runs_where_no_observer_exists(tmp_path):
 
 
 @pytest.mark.parametrize("transport", ["tcp", "unixsock"])
-def test_settings_for_later(scenario, tmp_path, transport):
+def test_settings_for_later(scenario, tmp_path, transport, monkeypatch):
     """--prepare writes one file a node and runs nothing; trigpoint node takes one, SIGTERM ends it."""
+    monkeypatch.setattr("trigpoint.runtime.plan._free_ports", ports_of_our_own)
     result = trigpoint("run", scenario, "--prepare", tmp_path / "files", "--transport", transport, "--json")
     assert result.exit_code == 0, result.stderr
     files = json.loads(result.stdout)

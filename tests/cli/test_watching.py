@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from tests.machine import PATIENCE, until
+from tests.machine import PATIENCE, free_port, until
 from trigpoint import graphs
 from trigpoint.cli.watching import feed_of, links_of
 from trigpoint.dashboard import STATES, decode_moment
@@ -185,11 +185,3 @@ def until_states(page, wanted):
         return isinstance(message, bytes) and wanted([STATES[int(code)] for code in decode_moment(message).state])
 
     assert until(come, within=2.0 * PATIENCE)
-
-
-def free_port():
-    import socket
-
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return listener.getsockname()[1]

@@ -11,19 +11,13 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from tests.machine import until
+from tests.machine import free_port, until
 from trigpoint.runtime import AccessRules, Identity, ZenohTransport, make_keys
 from trigpoint.runtime.endpoints import ADDRESS_KINDS, SECURED
 
 KINDS = sorted(ADDRESS_KINDS)
 NET = "trigpoint/net"
 _counter = itertools.count()
-
-
-def free_port(kind: int) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @functools.cache

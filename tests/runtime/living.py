@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests import machine
 from tests.machine import PATIENCE
 from trigpoint.cli.choices import method_of
@@ -36,6 +38,11 @@ def designed(path: Path) -> Design:
     return Design(given, part, given.design, design(part.problem, method_of(given.design, part.problem)))
 
 
+def ports_of_our_own(count: int, kind: int) -> list[int]:
+    """Instead of any that are free now, which others may get before the nodes take them."""
+    return [machine.free_port(kind) for _ in range(count)]
+
+
 @contextmanager
 def planned(text: str, folder: Path, **changes: Any) -> Iterator[Any]:
     """The design and the plan of a scenario; socket files lie in a short folder of their own."""
@@ -43,7 +50,8 @@ def planned(text: str, folder: Path, **changes: Any) -> Iterator[Any]:
     path.write_text(text, encoding="utf-8")
     found = designed(path)
     section = found.given.run.model_copy(update=changes)
-    with tempfile.TemporaryDirectory(prefix="tp-") as sockets:
+    with tempfile.TemporaryDirectory(prefix="tp-") as sockets, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("trigpoint.runtime.plan._free_ports", ports_of_our_own)
         (Path(sockets) / "watch").mkdir()
         yield found, plan_of(found, section, Places(folder / "out", Path(sockets)))
 

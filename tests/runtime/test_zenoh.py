@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tests.machine import PATIENCE, until, with_time
+from tests.machine import PATIENCE, listening, until, with_time
 from tests.runtime import links
 from trigpoint.errors import ArgumentError, MissingExtraError
 from trigpoint.observers.local import LocalObserver
@@ -305,15 +305,7 @@ def test_nothing_is_bound_that_nobody_named() -> None:
     assert not config["scouting/multicast/enabled"]
     assert not config["scouting/gossip/enabled"]
     with links.opened("tcp", "a", "b"):
-        sockets = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
-        inodes = {os.readlink(f"/proc/self/fd/{name}") for name in os.listdir("/proc/self/fd") if _is_link(name)}
-        rows = [line.split() for line in sockets.splitlines()]
-        own = [row for row in rows if f"socket:[{row[9]}]" in inodes and row[3] == "0A"]  # 0A: listening
-        assert [row[1].split(":")[0] for row in own] == ["0100007F"]
-
-
-def _is_link(name: str) -> bool:
-    return os.path.lexists(f"/proc/self/fd/{name}")
+        assert [host for host, _ in listening()] == ["0100007F"]
 
 
 def test_a_node_opens_what_its_settings_say() -> None:
