@@ -141,11 +141,10 @@ class Witness:
         return self
 
     def __exit__(self, *_: object) -> None:
-        lasted = max(time.monotonic() - self._begun, 1e-3)
         told, _ = self._process.communicate("\n", timeout=PATIENCE)
         wakes, late = map(int, told.split())
         others = _taken() - self._taken - (_ours() - self._own)
-        self.others = others / lasted / (os.cpu_count() or 1)
+        self.others = others / (time.monotonic() - self._begun) / (os.cpu_count() or 1)
         self.late = late / max(wakes, 1)
 
     @property

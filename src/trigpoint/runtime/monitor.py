@@ -236,8 +236,9 @@ class Monitor:
         """Median age of the messages that nodes used, as they say themselves in their statuses.
 
         Of LIVE links, in statuses that arrived from ``since`` to ``until`` (by the clock); None where there is none. Of
-        two nodes with equal periods one hears the other's message a part p of a period late, the other the one's 1 - p,
-        so that the median is the mean as well while nothing stalls.
+        two nodes with equal periods one hears the other's message a part p of a period late, the other the one's 1 - p.
+        So, while nothing stalls, the ages below half a period mirror those above, and the median is the mean as well as
+        long as all nodes have spoken equally often; where one has spoken once more, it is an age near the middle.
         """
         return self._median(self._ages, since, until)
 
