@@ -79,6 +79,7 @@ def measured(live, seconds):
         )
 
     last = live.follow(seconds + WARM + 10.0, mark)
+    assert len(marks) == 2, f"not everybody was heard for {WARM:g} s"
     first, final = marks[1], look(last)
     lasted, acts, missed, cpu, memory, _, frames, amount, plant, own = (
         b - a for a, b in zip(first, final, strict=True)

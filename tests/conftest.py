@@ -7,13 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 DATA_ABSENT = "the reference data folder is absent (TRIGPOINT_SHARED_DATA, or ../shared/data beside the checkout)"
 IN_CI = bool(os.environ.get("CI"))
 ALLOWED_SKIPS = () if IN_CI else (DATA_ABSENT,)
 
-settings.register_profile("trigpoint", deadline=None, print_blob=True, derandomize=IN_CI)
+# No example fails for the time that it takes: neither by a deadline nor while examples are drawn.
+settings.register_profile(
+    "trigpoint", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True, derandomize=IN_CI
+)
 settings.load_profile("trigpoint")
 
 

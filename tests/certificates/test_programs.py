@@ -39,7 +39,7 @@ def test_a_stable_observer_is_certified_close_to_its_abscissa(observer, tmp_path
 
 
 @given(st.floats(0.2, 3.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_rate_beyond_the_abscissa_is_certified(share: float) -> None:
     record = Convergence(rate=share * RATE).check(STABLE.problem, STABLE)
     if record.verdict == "certified":

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import re
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.cli.shelled import json_of, process, trigpoint
+from tests.machine import effort
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path, float]:
     folder = tmp_path_factory.mktemp("demo") / "new" / "folder"
-    before = time.monotonic()
-    result = trigpoint("demo", "--json", "--out", folder)
+    with effort() as spent:
+        result = trigpoint("demo", "--json", "--out", folder)
     assert result.exit_code == 0
-    return json_of(result), folder, time.monotonic() - before
+    return json_of(result), folder, spent.units
 
 
 def test_the_network_is_the_published_one(demo: tuple[dict[str, Any], Path, float]) -> None:
@@ -74,7 +74,8 @@ def test_the_folder_holds_the_report_and_the_data_and_nothing_half_written(
 
 
 def test_it_takes_well_under_a_minute(demo: tuple[dict[str, Any], Path, float]) -> None:
-    assert demo[2] < 30.0
+    """Half of one on a machine of our own, where a unit takes 10 ms."""
+    assert demo[2] < 3000.0
 
 
 def test_it_tells_its_story_to_people(tmp_path: Path) -> None:

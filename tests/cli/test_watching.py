@@ -5,12 +5,13 @@ import re
 import signal
 import subprocess
 import sys
-import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
 from websockets.sync.client import connect
 
+from tests.machine import PATIENCE, free_port, until
 from trigpoint import graphs
 from trigpoint.cli.watching import feed_of, links_of
 from trigpoint.dashboard import STATES, decode_moment
@@ -101,15 +102,14 @@ def test_a_live_run_is_watched_and_obeys(tmp_path):
     (tmp_path / "three.toml").write_text(SCENARIO, encoding="utf-8")
     program = "from trigpoint.cli import main; main()"
     port = free_port()
-    options = ["--for", "60s", "--watch", "--port", str(port), "--json", "--out", str(tmp_path)]
+    options = ["--for", "1h", "--watch", "--port", str(port), "--json", "--out", str(tmp_path)]
     command = [sys.executable, "-c", program, "run", str(tmp_path / "three.toml"), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         try:
             line = next(line for line in run.stderr if "Open http" in line)
             token = re.search(r"token=(\S+)", line)[1]
-            origin = f"http://127.0.0.1:{port}"
-            with connect(f"ws://127.0.0.1:{port}/ws?token={token}", origin=origin, proxy=None) as page:
-                topology = json.loads(page.recv(timeout=30))
+            with page_at(port, token) as page:
+                topology = json.loads(page.recv(timeout=PATIENCE))
                 assert (topology["arcs"], topology["anchored"]) == ([[0, 1], [1, 2]], [0])
                 assert topology["controls"] == ["pause", "go", "kill", "revive"]
                 until_states(page, lambda states: states == ["anchored"] * 3)
@@ -117,7 +117,7 @@ def test_a_live_run_is_watched_and_obeys(tmp_path):
                     page.send(json.dumps({"type": "order", "order": order, "node": 1}))
                     until_states(page, lambda found, wanted=states: found[1] in wanted)
             run.send_signal(signal.SIGINT)
-            out, _ = run.communicate(timeout=60)
+            out, _ = run.communicate(timeout=PATIENCE)
         finally:
             run.kill()
     assert json.loads(out)["nodes"] == 3
@@ -130,14 +130,11 @@ def test_a_run_that_goes_on_is_watched_from_outside_and_replayed_when_it_is_over
     program = "import sys; sys.argv[0] = 'trigpoint'; from trigpoint.cli import main; main()"
     command = [sys.executable, "-c", program]
     out, port = tmp_path / "out", free_port()
-    run = subprocess.Popen([*command, "run", str(tmp_path / "three.toml"), "--for", "5min", "--out", str(out)],
+    run = subprocess.Popen([*command, "run", str(tmp_path / "three.toml"), "--for", "1h", "--out", str(out)],
                            stdout=subprocess.DEVNULL)  # fmt: skip
     page_of = None
     try:
-        limit = time.monotonic() + 60.0
-        while not (out / "status.json").exists():
-            assert time.monotonic() < limit
-            time.sleep(0.05)
+        assert until((out / "status.json").exists)
         page_of = subprocess.Popen(
             [*command, "watch", str(out), "--port", str(port), "--json"],
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
@@ -146,11 +143,11 @@ def test_a_run_that_goes_on_is_watched_from_outside_and_replayed_when_it_is_over
         assert json.loads(told)["live"] is True
         token = re.search(r"token=([^\"\s]+)", told)[1]
         with page_at(port, token) as page:
-            topology = json.loads(page.recv(timeout=30))
+            topology = json.loads(page.recv(timeout=PATIENCE))
             assert (topology["mode"], topology["arcs"], topology["controls"]) == ("live", [[0, 1], [1, 2]], [])
             until_states(page, lambda states: states == ["anchored"] * 3)
             run.send_signal(signal.SIGINT)
-            assert run.wait(60) == 0
+            assert run.wait(PATIENCE) == 0
             until_said(page, "The run is over.")
     finally:
         for process in (run, page_of):
@@ -163,36 +160,28 @@ def test_a_run_that_goes_on_is_watched_from_outside_and_replayed_when_it_is_over
 
 def page_at(port, token):
     """The page's connection, as soon as somebody listens."""
-    limit = time.monotonic() + 60.0
-    while True:
-        try:
-            return connect(f"ws://127.0.0.1:{port}/ws?token={token}", origin=f"http://127.0.0.1:{port}", proxy=None)
-        except ConnectionRefusedError:
-            assert time.monotonic() < limit
-            time.sleep(0.1)
+    found = []
+
+    def answered():
+        with suppress(ConnectionRefusedError):
+            address = f"ws://127.0.0.1:{port}/ws?token={token}"
+            found.append(connect(address, origin=f"http://127.0.0.1:{port}", proxy=None, open_timeout=PATIENCE))
+        return found
+
+    assert until(answered)
+    return found[0]
 
 
 def until_said(page, text):
     """Reads messages until one holds the text."""
-    for _ in range(900):
-        message = page.recv(timeout=30)
-        if isinstance(message, str) and text in message:
-            return
-    raise AssertionError(f"nobody said {text!r}")
+    assert until(lambda: isinstance(message := page.recv(timeout=PATIENCE), str) and text in message)
 
 
 def until_states(page, wanted):
     """Reads frames until the nodes' states are as wanted."""
-    for _ in range(900):
-        message = page.recv(timeout=30)
-        if isinstance(message, bytes) and wanted([STATES[int(code)] for code in decode_moment(message).state]):
-            return
-    raise AssertionError("the nodes never came to that")
 
+    def come():
+        message = page.recv(timeout=PATIENCE)
+        return isinstance(message, bytes) and wanted([STATES[int(code)] for code in decode_moment(message).state])
 
-def free_port():
-    import socket
-
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return listener.getsockname()[1]
+    assert until(come, within=2.0 * PATIENCE)

@@ -9,9 +9,10 @@ import shutil
 import subprocess
 import tempfile
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
+import psutil
 from websockets.sync.client import connect
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -33,7 +34,23 @@ FLAGS = (
     "--no-default-browser-check",
     "--no-first-run",
 )
-PATIENCE = 30.0
+PATIENCE = 60.0
+
+
+STANDS = """new Promise(done => {
+  const element = document.querySelector(%s);
+  let last = '', same = 0;
+  const look = () => {
+    element.scrollIntoView({block: 'center'});
+    const box = element.getBoundingClientRect(), now = [box.x, box.y, box.width, box.height].join();
+    same = now === last ? same + 1 : 0;
+    last = now;
+    if (same >= 2) done([box.x + box.width / 2, box.y + box.height / 2]);
+    else requestAnimationFrame(look);
+  };
+  look();
+})"""
+"""The middle of an element, once it has stood still for two frames: what comes in may still move it."""
 
 
 def executable() -> str:
@@ -68,6 +85,13 @@ class Chromium:
         command = [executable(), *FLAGS, *sandbox, size, f"--user-data-dir={self._profile}", "about:blank"]
         quiet = subprocess.DEVNULL
         return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True)
+
+    def processor_seconds(self):
+        """What the browser's processes that run have used so far."""
+        own = psutil.Process(self._process.pid)
+        while True:
+            with suppress(psutil.NoSuchProcess):  # one that ends meanwhile is in the account of its parent then
+                return sum(sum(one.cpu_times()[:4]) for one in (own, *own.children(recursive=True)))
 
     def _kill(self):
         self._process.kill()
@@ -169,10 +193,7 @@ class Page:
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code)
 
     def click_element(self, selector):
-        find = f"const e = document.querySelector({json.dumps(selector)}); e.scrollIntoView({{block: 'center'}});"
-        middle = "const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2];"
-        box = self.run(f"(() => {{ {find} {middle} }})()")
-        self.click(*box)
+        self.click(*self.run(STANDS % json.dumps(selector)))
 
     def click_node(self, node):
         place = self.run(f"trigpoint.at({node})")

@@ -396,5 +396,5 @@ def test_a_feed_that_cannot_go_on_says_so(wrong):
         return snapshot(wrong)
 
     feed = LiveFeed(source, Scene(named(graphs.chain(4), NAMES)), period=0.001)
-    asyncio.run(asyncio.wait_for(feed.follow(), 5.0))
+    asyncio.run(asyncio.wait_for(feed.follow(), 60.0))
     assert feed.ended.startswith("The run cannot be followed any longer: ")

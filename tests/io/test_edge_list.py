@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 
 from tests.io.drawn import assert_same, networks
+from tests.machine import effort
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.graphs import EXTERNAL, MeasurementGraph
 from trigpoint.io import edge_list_text, load, parse_edge_list, save
@@ -162,7 +161,7 @@ def test_binary_content_is_refused(tmp_path, data, line):
 
 
 @given(networks())
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=150)
 def test_what_is_written_is_read_back(network):
     for delimiter in (",", "\t"):
         text = edge_list_text(network, delimiter)
@@ -215,9 +214,9 @@ def test_a_sparse_covariance_is_written_where_arcs_are_uncorrelated():
 
 def test_a_hundred_thousand_rows_are_read_in_seconds():
     rows = [f"n{k},n{k + 1},{k * 0.001},0.5" for k in range(100_000)]
-    began = time.perf_counter()
-    network = parse_edge_list(H + "\n".join(rows))
-    assert time.perf_counter() - began < 5.0
+    with effort() as spent:
+        network = parse_edge_list(H + "\n".join(rows))
+    assert spent.units < 500.0
     assert network.graph.n_nodes == 100_001
 
 

@@ -167,7 +167,7 @@ def _comparable(network):
 
 
 @given(networks(names=XML_TEXT, awkward=False, sizes=(0,)))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
 def test_what_is_written_is_read_back(network):
     graph = network.graph
     readings = np.bincount(graph.head[graph.is_external], minlength=graph.n_nodes)

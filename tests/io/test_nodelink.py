@@ -8,7 +8,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 
 from tests.io.drawn import XML_TEXT, assert_same, networks
 from trigpoint.errors import ArgumentError, FileFormatError
@@ -23,13 +23,13 @@ def parse_nodelink(text):
 
 
 @given(networks())
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80)
 def test_json_that_is_written_is_read_back(network):
     assert_same(parse_nodelink(nodelink_text(network)), network)
 
 
 @given(networks(names=XML_TEXT))
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80)
 def test_graphml_that_is_written_is_read_back(network):
     assert_same(parse_graphml(graphml_text(network).encode()), network)
 

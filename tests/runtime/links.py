@@ -8,34 +8,16 @@ import itertools
 import os
 import socket
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from tests.machine import free_port, until
 from trigpoint.runtime import AccessRules, Identity, ZenohTransport, make_keys
 from trigpoint.runtime.endpoints import ADDRESS_KINDS, SECURED
 
 KINDS = sorted(ADDRESS_KINDS)
-PATIENCE = 20.0
 NET = "trigpoint/net"
 _counter = itertools.count()
-
-
-def until(done: Callable[[], object], *, act: Callable[[], object] = lambda: None, within: float = PATIENCE) -> bool:
-    """Act and look again and again until ``done``; whether it came true in time."""
-    end = time.monotonic() + within
-    while not done():
-        if time.monotonic() > end:
-            return False
-        act()
-        time.sleep(0.002)
-    return True
-
-
-def free_port(kind: int) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @functools.cache

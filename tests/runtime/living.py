@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from tests import machine
+from tests.machine import PATIENCE
 from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import part_of, read_any
 from trigpoint.cli.live import LiveRun
@@ -27,13 +30,17 @@ initial_error = 2.0
 rate = 25
 """
 GRID = (Path(__file__).resolve().parents[2] / "examples" / "grid_live.toml").read_text(encoding="utf-8")
-PATIENCE = 60.0
 
 
 def designed(path: Path) -> Design:
     given = read_any(path)
     part = part_of(given, given.design)
     return Design(given, part, given.design, design(part.problem, method_of(given.design, part.problem)))
+
+
+def ports_of_our_own(count: int, kind: int) -> list[int]:
+    """Instead of any that are free now, which others may get before the nodes take them."""
+    return [machine.free_port(kind) for _ in range(count)]
 
 
 @contextmanager
@@ -43,7 +50,8 @@ def planned(text: str, folder: Path, **changes: Any) -> Iterator[Any]:
     path.write_text(text, encoding="utf-8")
     found = designed(path)
     section = found.given.run.model_copy(update=changes)
-    with tempfile.TemporaryDirectory(prefix="tp-") as sockets:
+    with tempfile.TemporaryDirectory(prefix="tp-") as sockets, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("trigpoint.runtime.plan._free_ports", ports_of_our_own)
         (Path(sockets) / "watch").mkdir()
         yield found, plan_of(found, section, Places(folder / "out", Path(sockets)))
 
@@ -61,13 +69,10 @@ def living(text: str, folder: Path, **changes: Any) -> Iterator[LiveRun]:
             live.close()
 
 
-def until(live: LiveRun, what: Callable[[], Any], patience: float = PATIENCE) -> None:
+def until(live: LiveRun, what: Callable[[], Any]) -> None:
     """Let the run go on until ``what`` is true; the test fails where that never happens."""
-    limit = time.monotonic() + patience
-    while not what():
-        assert time.monotonic() < limit, f"not within {patience} s: {what.__doc__ or what}; {live.supervisor.events}"
-        live.step()
-        time.sleep(0.01)
+    came = machine.until(what, live.step, within=2.0 * PATIENCE)
+    assert came, f"not within {2.0 * PATIENCE} s: {what.__doc__ or what}; {live.supervisor.events}"
 
 
 def everybody_heard(live: LiveRun) -> bool:

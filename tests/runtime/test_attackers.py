@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import trigpoint as tp
+from tests.machine import until
 from tests.runtime import links
 from tests.runtime.given import PERIOD, case
 from trigpoint.runtime import (
@@ -72,13 +73,13 @@ def test_the_estimates_are_unharmed_and_every_attack_is_counted(kind, tmp_path) 
     try:
         for key in attacked.subscriptions():
             node.subscribe(key, lambda key, data: heard.append((key, data)))
-        assert links.until(lambda: heard, act=lambda: neighbour.publish(KEY, b"hello"))
+        assert until(lambda: heard, act=lambda: neighbour.publish(KEY, b"hello"))
         for number in range(1, ROUNDS):
             now = START + number * PERIOD
             sent = [data for _, data in attacks(number)]
             for data in (*sent, estimate(number), *sent[-1:]):
                 heard.clear()
-                assert links.until(lambda: (KEY, data) in heard, act=lambda: neighbour.publish(KEY, data))  # noqa: B023
+                assert until(lambda: (KEY, data) in heard, act=lambda: neighbour.publish(KEY, data))  # noqa: B023
                 attacked.receive(now, KEY, data)
             calm.receive(now, KEY, estimate(number))
             for reason, _ in [*attacks(number), *list(attacks(number))[-1:]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -15,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.shelled import MAIN, trigpoint
+from tests.machine import PATIENCE, free_port
 from tests.runtime.living import CHAIN, everybody_heard, living, until
 from trigpoint.runtime import (
     LINK_FIELDS,
@@ -36,9 +36,7 @@ TRUE = 7.0
 def address(kind: str, plan) -> str:
     if kind == "unixsock":
         return plan.nodes[0].listen.rpartition("/")[0] + "/new.sock"
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"{kind}/127.0.0.1:{free.getsockname()[1]}"
+    return f"{kind}/127.0.0.1:{free_port()}"
 
 
 @pytest.mark.parametrize("kind", ["unixsock", pytest.param("tls", marks=pytest.mark.slow)])
@@ -113,4 +111,4 @@ def joining(live, file, identity) -> None:
         link.close()
         eye.close()
         process.send_signal(signal.SIGTERM)
-        assert process.wait(30) == 0
+        assert process.wait(PATIENCE) == 0

@@ -6,11 +6,11 @@ import builtins
 import shutil
 import subprocess
 import sys
-import time
 from dataclasses import replace
 
 import pytest
 
+from tests.machine import until
 from tests.runtime.living import CHAIN, planned
 from trigpoint.errors import ArgumentError, MissingExtraError
 from trigpoint.runtime import Supervisor, SystemClock, write_settings
@@ -23,31 +23,51 @@ def test_waits_double_up_to_ten_seconds():
     assert backoff(10**6) == 10.0
 
 
+class Hand(SystemClock):
+    """A clock that the test moves: processes run, and the waits between them take no time."""
+
+    time = 1000.0
+
+    def now(self):
+        return self.time
+
+
 @pytest.fixture
-def failing(tmp_path):
+def clock():
+    return Hand()
+
+
+@pytest.fixture
+def failing(tmp_path, clock):
     """A plan of one node that cannot listen where it should, so that its process ends at once."""
     with planned(CHAIN, tmp_path) as (_, plan):
         bad = replace(plan.nodes[0], listen=f"unixsock-stream/{tmp_path}/missing/folder/0.sock")
         plan.folder.mkdir()
-        supervisor = Supervisor(replace(plan, nodes=(bad,), plant=None), SystemClock())
+        supervisor = Supervisor(replace(plan, nodes=(bad,), plant=None), clock)
         yield supervisor
         supervisor.stop()
 
 
-def test_a_process_that_keeps_failing_is_started_ever_more_seldom(failing):
+def said(supervisor, word):
+    return [(moment, text) for moment, _, text in supervisor.events if text.startswith(word)]
+
+
+def test_a_process_that_keeps_failing_is_started_ever_more_seldom(failing, clock):
     failing.start()
-    limit = time.monotonic() + 60.0
-    while failing.restarts < 2:
-        assert time.monotonic() < limit
+    for restarts in range(5):
+        assert until(lambda: len(said(failing, "ended")) > restarts, failing.tick)  # noqa: B023
+        clock.time += backoff(restarts + 1) - 2.0**-20
         failing.tick()
-        time.sleep(0.005)
-    started = [moment for moment, _, text in failing.events if text.startswith("started")]
-    ended = [(moment, text) for moment, _, text in failing.events if text.startswith("ended")]
+        assert failing.restarts == restarts
+        clock.time += 2.0**-20
+        failing.tick()
+        assert failing.restarts == restarts + 1
+    started, ended = said(failing, "started"), said(failing, "ended")
     assert all(text.startswith("ended with exit code 2: error: cannot listen on unixsock") for _, text in ended)
     assert failing.reason("0") == ended[-1][1]
-    waits = [again - end for (end, _), again in zip(ended, started[1:], strict=True)]
-    assert 0.5 <= waits[0] < 0.95
-    assert waits[1] >= 1.0
+    waits = [again - end for (end, _), (again, _) in zip(ended, started[1:], strict=True)]
+    assert waits == [0.5, 1.0, 2.0, 4.0, 8.0]
+    assert until(lambda: len(said(failing, "ended")) == 6, failing.tick)
     output = (failing.status_file.parent / "output" / "process-0.txt").read_text(encoding="utf-8")
     assert output.startswith("error: ")
     before = failing.dead
@@ -75,7 +95,7 @@ def test_what_ended_at_the_end_hides_no_failure_before_it(failing):
         assert failing.reason("0").startswith("ended with exit code 2: error: cannot listen on unixsock")
 
 
-def test_a_disk_that_refuses_does_not_end_the_run(failing):
+def test_a_disk_that_refuses_does_not_end_the_run(failing, clock):
     """Neither the status nor the output can be written: what runs goes on, is started again, and is ended in order."""
     failing.start()
     folder = failing.status_file.parent
@@ -85,12 +105,11 @@ def test_a_disk_that_refuses_does_not_end_the_run(failing):
     failing.revive("0")
     assert failing.dead == ("0",)
     assert failing.reason("0").startswith("ended before it began: [Errno 20]")
-    assert failing._group["0"].due > 0.0  # it is tried again
-    limit = time.monotonic() + 30.0
-    while failing.restarts < 3:
-        assert time.monotonic() < limit
+    for restarts, wait in ((1, 0.5), (2, 1.0)):  # it is tried again
+        assert failing._group["0"].due == clock.time + wait
+        clock.time += wait
         failing.tick()
-        time.sleep(0.01)
+        assert failing.restarts == restarts + 1
     failing.stop()
     assert sum("cannot write" in text for _, _, text in failing.events) == 1
     folder.unlink()

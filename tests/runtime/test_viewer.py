@@ -6,12 +6,12 @@ import json
 import os
 import subprocess
 import sys
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tests import machine
 from tests.runtime.living import CHAIN, GRID, anchored, everybody_heard, living, planned, status_of, until
 from trigpoint.cli.watching import attached
 from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
@@ -54,17 +54,8 @@ def test_what_a_run_shows_from_outside(tmp_path, kind):
             live.close()
             assert status_of(live)["over"] is True
             assert not running(folder)
-            until_ended(feed, sources[0])
-
-
-def until_ended(feed, source) -> None:
-    for _ in range(6000):
-        source()
-        if feed.ended is not None:
+            assert machine.until(lambda: feed.ended is not None, sources[0])
             assert feed.ended == "The run is over."
-            return
-        time.sleep(0.01)
-    raise AssertionError("the feed never said that the run is over")
 
 
 def status(folder, **changes):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import trigpoint as tp
+from tests.machine import unit
 from tests.runtime.given import DOUBLE, OSCILLATOR, PERIOD, STATIC, case
 from trigpoint.arrays import expm
 from trigpoint.errors import ArgumentError
@@ -80,10 +81,13 @@ def test_a_plant_needs_a_state_of_each_agent() -> None:
 
 
 def test_an_act_with_four_neighbours_takes_well_under_a_millisecond() -> None:
-    """Act, nine frames and latch with ages all different: 0.2 ms on a quiet machine; the bound leaves room."""
+    """Act, nine frames and latch with ages all different: 0.2 ms on a quiet machine; the bound leaves room.
+
+    A millisecond is a tenth of a unit, which takes that machine 10 ms, and others as much longer as they are slower.
+    """
     one = case(OSCILLATOR, tp.graphs.grid(3, 3, anchors=[4]))
     machine, program = NodeMachine(one.settings()[4], epoch=1, now=1e9), one.programs[4]
-    rng, spent = np.random.default_rng(0), []
+    rng, spent, before = np.random.default_rng(0), [], unit()
     for k in range(400):
         now = 1e9 + PERIOD * k + rng.uniform(0.0, 1e-4)
         frames, facts = [], (1.0, now, 0.0, 1.0)
@@ -103,4 +107,4 @@ def test_an_act_with_four_neighbours_takes_well_under_a_millisecond() -> None:
         machine.latch(now)
         spent.append(process_time() - begun)
     assert machine.counters.dropped == 0
-    assert np.median(spent) < 1e-3
+    assert np.median(spent) < 0.1 * max(before, unit())

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import zenoh
 
+from tests.machine import PATIENCE, until
 from tests.runtime import links
 from trigpoint.observers.local import LocalArc, LocalObserver
 from trigpoint.runtime import Identity, NodeSettings, ZenohTransport, guest_rules, make_keys, open_transport
@@ -44,7 +45,7 @@ def around_a(kind: str, *names: str, where: str = "") -> Iterator[tuple[ZenohTra
         others = [ZenohTransport("", [where], identity=links.identities()[name]) for name in names]
         for other in others:
             stack.callback(other.close)
-        assert links.until(lambda: a.linked == len(names) and all(other.linked == 1 for other in others))
+        assert until(lambda: a.linked == len(names) and all(other.linked == 1 for other in others))
         yield (a, *others)
 
 
@@ -80,16 +81,16 @@ def test_strangers_get_no_link(kind, tmp_path, capfd) -> None:
     signed_by_themselves = {"connect_certificate": theirs.certificate, "connect_private_key": theirs.key}
     a = node_a(where)
     try:
-        assert links.until(lambda: not refused(good))
+        assert until(lambda: not refused(good))
         for spoiled in ({**without, "enable_mtls": False}, {**tls, **signed_by_themselves}):
             with pytest.raises(zenoh.ZError):
                 attempt({**good, "transport/link/tls": spoiled})
         plain = "tcp" if kind == "tls" else "udp"
         with pytest.raises(zenoh.ZError):
             attempt(session_config("", [where.replace(kind, plain)]))
-        assert links.until(lambda: a.linked == 0)
+        assert until(lambda: a.linked == 0)
         with_certificate = ZenohTransport("", [where], identity=own)
-        assert links.until(lambda: with_certificate.linked == 1)
+        assert until(lambda: with_certificate.linked == 1)
         with_certificate.close()
     finally:
         a.close()
@@ -122,7 +123,7 @@ def test_a_certificate_speaks_for_its_own_node_only(kind) -> None:
                 c.publish(key, b"forged")
             b.publish(f"{NODE}/b/estimate", b"own")
 
-        assert links.until(lambda: len(heard) >= 20, act=speak)
+        assert until(lambda: len(heard) >= 20, act=speak)
         assert set(heard) == {(f"{NODE}/b/estimate", b"own")}
 
 
@@ -138,7 +139,7 @@ def test_any_text_is_a_name(kind, tmp_path) -> None:
     try:
         keys = [node_key("my net/1", name, "estimate") for name in (odd, other)]
         at_a, at_b = links.listen(a, keys[1]), links.listen(b, keys[0])
-        assert links.until(lambda: at_a and at_b, act=lambda: (a.publish(keys[0], b"1"), b.publish(keys[1], b"2")))
+        assert until(lambda: at_a and at_b, act=lambda: (a.publish(keys[0], b"1"), b.publish(keys[1], b"2")))
         assert set(at_a) == {(keys[1], b"2")}
     finally:
         b.close()
@@ -151,7 +152,7 @@ def test_who_may_not_listen_hears_nothing(kind) -> None:
         heard = [links.listen(other, f"{links.NET}/**") for other in others]
         narrow = [links.listen(other, f"{NODE}/a/**") for other in others]
         b, c, sensor, monitor, supervisor = range(5)
-        assert links.until(
+        assert until(
             lambda: min(len(narrow[b]), len(heard[monitor]), len(heard[supervisor])) >= 20,
             act=lambda: (a.publish(f"{NODE}/a/estimate", b"own"), a.publish(f"{NODE}/b/estimate", b"forged")),
         )
@@ -174,7 +175,7 @@ def test_guests_do_what_their_role_says(kind) -> None:
                     guest.publish(key, name.encode())
 
         expected = {(f"{links.NET}/reading/4", b"sensor"), (f"{NODE}/a/control", b"supervisor")}
-        assert links.until(lambda: expected <= set(heard) and len(heard) >= 40, act=speak)
+        assert until(lambda: expected <= set(heard) and len(heard) >= 40, act=speak)
         assert set(heard) == expected
 
 
@@ -192,7 +193,7 @@ def test_a_monitor_takes_from_each_node_its_own_keys_only(kind) -> None:
             a.publish(f"{NODE}/b/estimate", b"forged")
             a.publish(f"{NODE}/a/estimate", b"own")
 
-        assert links.until(lambda: len(heard) >= 20, act=speak)
+        assert until(lambda: len(heard) >= 20, act=speak)
         assert set(heard) == {(f"{NODE}/a/estimate", b"own")}
     finally:
         a.close()
@@ -212,7 +213,7 @@ def test_a_flood_drowns_nobody(kind) -> None:
                 b.publish(f"{NODE}/c/estimate", bytes(500))
             supervisor.publish(f"{NODE}/a/control", b"go")
 
-        assert links.until(lambda: len(orders) >= 3 and len(heard) >= 1000, act=flood)
+        assert until(lambda: len(orders) >= 3 and len(heard) >= 1000, act=flood)
         assert {key for key, _ in heard} == {f"{NODE}/b/estimate"}
 
 
@@ -224,11 +225,11 @@ def test_half_open_and_garbled_connections_block_nobody() -> None:
         heard = links.listen(a, f"{NODE}/b/*")
         with contextlib.ExitStack() as stack:
             for count in range(130):  # more than may wait for an answer at a time
-                connection = socket.create_connection((place[0], int(place[2])), timeout=links.PATIENCE)
+                connection = socket.create_connection((place[0], int(place[2])), timeout=PATIENCE)
                 stack.callback(connection.close)
                 if count < 10:
                     connection.sendall(os.urandom(200))
-            assert links.until(lambda: heard, act=lambda: b.publish(f"{NODE}/b/estimate", b"own"))
+            assert until(lambda: heard, act=lambda: b.publish(f"{NODE}/b/estimate", b"own"))
             c = ZenohTransport("", [where], identity=links.identities()["c"])
             stack.callback(c.close)
-            assert links.until(lambda: a.linked == 2)
+            assert until(lambda: a.linked == 2)

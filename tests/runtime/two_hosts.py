@@ -154,7 +154,7 @@ class Talker:
 
     def close(self) -> None:
         try:
-            self._process.communicate(timeout=20)
+            self._process.communicate(timeout=60)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.communicate()

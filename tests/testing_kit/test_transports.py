@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 
 import pytest
@@ -12,6 +11,27 @@ from trigpoint.runtime import BestEffort, Delivery, Reliable, Sink, Transport
 from trigpoint.testing import check_transport
 
 PATIENCE = 0.2
+
+
+class Time:
+    """Passes by sleeping only, so that whether somebody waits is a matter of what he does and not of the machine."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+time = Time()
+
+
+@pytest.fixture(autouse=True)
+def _virtual_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trigpoint.testing.transports.time", time)
 
 
 def matches(pattern: str, key: str) -> bool:
@@ -195,6 +215,7 @@ def test_a_transport_with_its_own_clock_is_moved() -> None:
                 waiting.append((self.other, key, data))
 
     def advance() -> None:
+        time.sleep(0.01)
         while waiting:
             end, key, data = waiting.pop(0)
             end.hear(key, data)

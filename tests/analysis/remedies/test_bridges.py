@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from tests.machine import effort
 from trigpoint.graphs import EXTERNAL, MeasurementGraph, chain, cycle, grid, star
 from trigpoint.graphs.bridges import bridge_table, bridges
 from trigpoint.testing.strategies import measurement_graphs
@@ -60,15 +59,15 @@ def test_known_networks() -> None:
 
 def test_a_hundred_thousand_nodes_take_no_time() -> None:
     for graph, count in ((chain(100_000, anchors=(99_999,)), 100_000), (grid(300, 300), 1)):
-        start = time.process_time()
-        assert bridges(graph).shape[0] == count
-        assert time.process_time() - start < 5.0
+        with effort() as spent:
+            assert bridges(graph).shape[0] == count
+        assert spent.units < 500.0
 
 
 @pytest.mark.slow
 def test_a_million_nodes() -> None:
     graph = grid(1000, 1000, anchors=(999_999,))
-    start = time.process_time()
-    assert bridges(graph).tolist() == [graph.n_arcs - 1]
-    assert bridge_table(graph).count.tolist() == [1_000_000]
-    assert time.process_time() - start < 20.0
+    with effort() as spent:
+        assert bridges(graph).tolist() == [graph.n_arcs - 1]
+        assert bridge_table(graph).count.tolist() == [1_000_000]
+    assert spent.units < 2000.0
