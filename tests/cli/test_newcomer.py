@@ -193,7 +193,7 @@ def test_an_interruption_while_the_program_loads_shows_no_traceback(monkeypatch,
         def __getattr__(self, name: str) -> None:
             raise KeyboardInterrupt
 
-    monkeypatch.setitem(sys.modules, "trigpoint.cli.app", Loading())
+    monkeypatch.setitem(sys.modules, "trigpoint.cli.commands", Loading())
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == 130

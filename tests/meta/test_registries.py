@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import pytest
 
 from house import ROOT, listing
-from trigpoint.cli.app import app
+from trigpoint.cli.commands import app
 
 REGISTRIES = {
     "io": ("FORMATS", "formats.md"),

@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from trigpoint.cli.app import app
+    from trigpoint.cli.commands import app
 
 __all__ = ["app", "main"]
 
@@ -17,7 +17,7 @@ INTERRUPTED = 130
 def main() -> None:
     """Entry point of the ``trigpoint`` command; Ctrl-C while it still loads ends it without a traceback."""
     try:
-        from trigpoint.cli.app import app
+        from trigpoint.cli.commands import app
     except KeyboardInterrupt:
         print("Aborted!", file=sys.stderr)  # what click says later on
         sys.exit(INTERRUPTED)
@@ -26,7 +26,7 @@ def main() -> None:
 
 def __getattr__(name: str) -> Any:
     if name == "app":
-        from trigpoint.cli.app import app
+        from trigpoint.cli.commands import app
 
         return app
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
