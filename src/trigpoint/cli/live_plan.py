@@ -21,9 +21,10 @@ from trigpoint.observers.network import NetworkObserver
 from trigpoint.runtime.endpoints import require_safe
 from trigpoint.runtime.keys import find_identity, make_keys
 from trigpoint.runtime.plan import LivePlan, free_addresses, linked
-from trigpoint.runtime.plant import Instrument, Part, PlantSettings
+from trigpoint.runtime.plant import PlantSettings
 from trigpoint.runtime.settings import Identity, NodeSettings
 from trigpoint.runtime.topics import written
+from trigpoint.runtime.truth import Instrument, Part
 from trigpoint.runtime.viewer import Viewer
 from trigpoint.simulation import Scenario
 from trigpoint.simulation.world import World, start_of, truth_of
