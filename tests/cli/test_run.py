@@ -91,9 +91,16 @@ def test_a_run_from_start_to_summary(scenario, tmp_path):
     # Half a period, as the two in one process are apart, and what the way takes; steps are on a grid of period / 1024.
     assert 0.02 - 0.04 / 1024 <= facts["message_age"] < 1.0
     assert facts["acts"] > 30
+    page = trigpoint("report", tmp_path / "out" / "run.mcap")
+    assert page.exit_code == 0, page.stderr
+    text = (tmp_path / "out" / "run.live.html").read_text(encoding="utf-8")
+    assert "measured decay rate [1/s]" in text
+    assert "predicted decay rate, in the long run [1/s]" in text
     assert not any(runs(pid) for pid in pids)
     log = read_log(tmp_path / "out" / "run.mcap")
     assert log.complete
+    told = {name: log.attributes.get(name) for name in ("decay_rate_predicted", "message_age", "reading_age")}
+    assert told == {name: facts[name] for name in told}  # the end tells the log what it tells the user
     assert facts["log"].endswith("run.mcap")
 
 
@@ -192,8 +199,8 @@ def test_what_the_simulation_alone_has_is_said(scenario, tmp_path):
     assert "[simulate] loss: not used" in result.stderr
 
 
-def snapshot(time, value):
-    known = (np.array([value]), np.array([value, 1.0]))
+def snapshot(time, value, known=None):
+    known = known or (np.array([value]), np.array([value, 1.0]))
     nothing = (np.zeros(1), np.zeros(2))
     return Snapshot(time, ("a", "b"), known, nothing, (None, None), np.zeros(2), np.zeros(2))
 
@@ -209,6 +216,22 @@ def test_samples_are_thinned_out():
     assert run.truth.shape[1:] == (2, 2)
     gap = run.estimate[:, 0, 0]
     np.testing.assert_allclose(gap, np.exp(-0.3 * run.times))
+
+
+def test_a_recorded_run_begins_when_every_node_is_known():
+    """As that of its log does: by ``first_known``; nodes of fewer states are filled up with zeros."""
+    recorder = Recorder(("a", "b"), 0.1)
+    recorder.take(snapshot(0.0, 2.0, known=(None, None)))
+    recorder.take(snapshot(0.2, 2.0, known=(np.array([5.0]), None)))
+    assert recorder.run() is None
+    recorder.take(snapshot(0.25, 2.0))  # not due yet
+    recorder.take(snapshot(0.4, 2.0))
+    recorder.take(snapshot(0.6, 1.0))
+    run = recorder.run()
+    assert run.times.tolist() == [0.4, 0.6]
+    assert run.estimate[0].tolist() == [[2.0, 0.0], [2.0, 1.0]]
+    assert (run.status == "anchored").all()
+    assert np.isfinite(run.error_norm).all()
 
 
 def test_a_method_that_nobody_knows_is_told_with_its_line(scenario):

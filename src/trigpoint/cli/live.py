@@ -25,6 +25,7 @@ from trigpoint.runtime.access import guest_rules
 from trigpoint.runtime.clock import SystemClock, new_epoch
 from trigpoint.runtime.codec import Kind
 from trigpoint.runtime.log import LogWriter
+from trigpoint.runtime.log_run import first_known
 from trigpoint.runtime.monitor import Monitor, Snapshot
 from trigpoint.runtime.plan import LivePlan
 from trigpoint.runtime.sensors import ReadingPublisher
@@ -35,6 +36,7 @@ _TICK = 0.02
 _TICK_A_NODE = 5e-4  # a snapshot moves the truth of every node: with many nodes the monitor would do little else
 _SAMPLE, _MOST_SAMPLES = 0.05, 4000
 _MOST_STEPS = 20_000  # exchanges that a prediction follows
+_TOLD = ("decay_rate_predicted", "decay_rate_expected", "message_age", "reading_age")  # to the log, at the end
 _DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(ms|s|min|h)")
 _UNITS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -51,7 +53,7 @@ def seconds_of(text: str) -> float:
 
 
 class Recorder:
-    """Samples of a run: every node's truth and estimate, from the first moment that all were known.
+    """Samples of a run: every node's truth and estimate as they were known last.
 
     Twice the time between samples is taken, and every other sample forgotten, whenever ``most`` are reached.
     """
@@ -62,30 +64,46 @@ class Recorder:
         self._due = 0.0
 
     def take(self, snapshot: Snapshot) -> None:
-        """Keep ``snapshot`` if it is time and everything is known."""
-        if snapshot.time < self._due or any(value is None for value in (*snapshot.estimate, *snapshot.truth)):
+        """Keep ``snapshot`` if it is time; of nodes that joined later nothing is kept."""
+        if snapshot.time < self._due:
             return
         self._due = snapshot.time + self._every
-        self._rows.append((snapshot.time, _table(snapshot.truth), _table(snapshot.estimate)))
+        count = len(self._names)
+        self._rows.append((snapshot.time, _table(snapshot.truth[:count]), _table(snapshot.estimate[:count])))
         if len(self._rows) >= self._most:
             self._rows, self._every = self._rows[::2], 2.0 * self._every
 
     def run(self) -> Run | None:
-        """The samples as a ``Run``; None where there are none."""
+        """The samples from ``first_known`` on, as ``read_run`` has them; None unless everybody was known then."""
         if not self._rows:
             return None
-        times, truth, estimate = (np.array(column) for column in zip(*self._rows, strict=True))
-        shape = truth.shape[:2]
-        sent, status = np.zeros(shape, dtype=np.int64), np.full(shape, "anchored")
-        return Run(times, truth, estimate, sent, status, self._names, "live")
+        width = max(table.shape[1] for row in self._rows for table in row[1:])
+        times, *tables = zip(*self._rows, strict=True)
+        truth, estimate = (np.array([_widened(one, width) for one in table]) for table in tables)
+        status = np.where(np.isnan(estimate).any(axis=2), "away", "anchored")
+        sent = np.zeros(status.shape, dtype=np.int64)
+        run = Run(np.array(times), truth, estimate, sent, status, self._names, "live")
+        first = first_known(run)
+        if first is None or np.isnan(run.error[first]).any():
+            return None
+        return Run(
+            run.times[first:], truth[first:], estimate[first:], sent[first:], status[first:], self._names, "live"
+        )  # fmt: skip
 
 
 def _table(rows: tuple[FloatArray | None, ...]) -> FloatArray:
-    known = [row for row in rows if row is not None]
-    table = np.zeros((len(known), max(row.shape[0] for row in known)))
-    for k, row in enumerate(known):
-        table[k, : row.shape[0]] = row
+    """(N, n), missing states of smaller nodes 0, all of them NaN where a node is not known."""
+    table = np.zeros((len(rows), max([1, *(row.shape[0] for row in rows if row is not None)])))
+    for k, row in enumerate(rows):
+        table[k, : None if row is None else row.shape[0]] = np.nan if row is None else row
     return table
+
+
+def _widened(table: FloatArray, width: int) -> FloatArray:
+    """The same with ``width`` columns: before every node was known nobody knew how many there are."""
+    more = np.zeros((table.shape[0], width - table.shape[1]))
+    more[np.isnan(table).any(axis=1)] = np.nan
+    return np.hstack([table, more])
 
 
 @dataclass(eq=False)
@@ -96,14 +114,17 @@ class LiveRun:
         plan: what runs.
         log: where every frame goes, or None.
         player: publishes recorded readings, where there is no plant.
+        observer: the programs, for the rates that the log is told at the end; None: it is not told.
     """
 
     plan: LivePlan
     log: LogWriter | None
     player: Player | None = None
+    observer: AssembledObserver | None = None
     clock: SystemClock = field(default_factory=SystemClock)
     trouble: str | None = None
     closing: bool = False
+    rates: dict[str, float | None] | None = None
 
     def __post_init__(self) -> None:
         """Open the links; nothing runs yet."""
@@ -177,9 +198,16 @@ class LiveRun:
         self.transport.close()
         if self.log is not None:
             try:
+                self._tell_rates(self.log)
                 self.log.close()
             except FileFormatError as error:
                 self.trouble = self.trouble or str(error)
+
+    def _tell_rates(self, log: LogWriter) -> None:
+        """What only the end knows: the rates for the ages that messages and readings had."""
+        if self.observer is not None and log.failure is None and self.rates is None:
+            self.rates = rates_of(self, self.recorder.run(), self.observer)
+            log.tell({name: self.rates[name] for name in _TOLD if self.rates[name] is not None})
 
     def _write(self, frame: Any, received: float) -> None:
         """A log that fails ends the logging, not the run."""
@@ -242,7 +270,7 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
         "processes": len(plan.groups),
         "rate": 1.0 / plan.nodes[0].period,
         "seconds": last.time,
-        **rates_of(live, run, observer),
+        **(live.rates or rates_of(live, run, observer)),
         "decay_rate": plan.nodes[0].decay_rate,
         "initial_error": None if norms is None else float(norms[0]),
         "final_error": None if norms is None else float(norms[-1]),

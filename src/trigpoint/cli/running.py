@@ -90,6 +90,7 @@ def run_command(
         log = (file.parent if out is None else out) / "run.mcap"
         record = None if readings is None else _recorded(readings, speed, log, plan, designed)
         live = LiveRun(plan, None) if record is None else replayed(record, plan)
+        live.observer = designed.programs
         live.keep(log_of(plan, log))  # only now: where the links cannot be opened, no log is left behind
         with watched(live, port if watch else None), _shown(live, as_json) as show:
             last = live.follow(seconds, show)
