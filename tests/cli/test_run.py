@@ -15,7 +15,8 @@ import pytest
 
 from tests.cli.shelled import MAIN, trigpoint
 from tests.runtime.living import CHAIN, runs
-from trigpoint.cli.live import Recorder, seconds_of
+from trigpoint.cli.live import seconds_of
+from trigpoint.cli.recorder import Recorder
 from trigpoint.errors import ArgumentError
 from trigpoint.runtime import Snapshot, parse_address, read_log, read_settings
 
@@ -23,7 +24,7 @@ KEYS = {
     "nodes", "processes", "rate", "seconds", "decay_rate_measured", "decay_rate_expected", "decay_rate_predicted",
     "decay_rate", "message_age", "reading_age", "initial_error", "final_error", "relative_error", "heard", "anchored",
     "covered", "dead", "silent", "restarts", "acts", "missed", "step_us", "frames", "bytes", "cpu_per_node",
-    "memory_per_process", "memory", "warnings", "log", "readings",
+    "memory_per_process", "memory", "warnings", "log", "readings", "joined",
 }  # fmt: skip
 
 

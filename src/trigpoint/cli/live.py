@@ -15,17 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from trigpoint.arrays import FloatArray
 from trigpoint.cli.recorded import Player, Record
+from trigpoint.cli.recorder import Recorder
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.observers import AssembledObserver, Run
 from trigpoint.observers.aged import aged_decay_rate, aged_error_norms
 from trigpoint.runtime.__main__ import plant_transport
 from trigpoint.runtime.access import guest_rules
+from trigpoint.runtime.arrivals import Arrivals, opener
 from trigpoint.runtime.clock import SystemClock, new_epoch
 from trigpoint.runtime.codec import Kind
 from trigpoint.runtime.log import LogWriter
-from trigpoint.runtime.log_run import first_known
+from trigpoint.runtime.log_format import JOINED
 from trigpoint.runtime.monitor import Monitor, Snapshot
 from trigpoint.runtime.plan import LivePlan
 from trigpoint.runtime.sensors import ReadingPublisher
@@ -34,7 +35,6 @@ from trigpoint.runtime.zenoh_link import ZenohTransport
 
 _TICK = 0.02
 _TICK_A_NODE = 5e-4  # a snapshot moves the truth of every node: with many nodes the monitor would do little else
-_SAMPLE, _MOST_SAMPLES = 0.05, 4000
 _MOST_STEPS = 20_000  # exchanges that a prediction follows
 _TOLD = ("decay_rate_predicted", "decay_rate_expected", "message_age", "reading_age")  # to the log, at the end
 _DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(ms|s|min|h)")
@@ -50,60 +50,6 @@ def seconds_of(text: str) -> float:
             f"got {text!r} for a duration; expected a positive number and ms, s, min or h: 20s, 500ms, 2min"
         )
     return value
-
-
-class Recorder:
-    """Samples of a run: every node's truth and estimate as they were known last.
-
-    Twice the time between samples is taken, and every other sample forgotten, whenever ``most`` are reached.
-    """
-
-    def __init__(self, names: tuple[str, ...], every: float = _SAMPLE, most: int = _MOST_SAMPLES) -> None:
-        self._names, self._every, self._most = names, every, most
-        self._rows: list[tuple[float, FloatArray, FloatArray]] = []
-        self._due = 0.0
-
-    def take(self, snapshot: Snapshot) -> None:
-        """Keep ``snapshot`` if it is time; of nodes that joined later nothing is kept."""
-        if snapshot.time < self._due:
-            return
-        self._due = snapshot.time + self._every
-        count = len(self._names)
-        self._rows.append((snapshot.time, _table(snapshot.truth[:count]), _table(snapshot.estimate[:count])))
-        if len(self._rows) >= self._most:
-            self._rows, self._every = self._rows[::2], 2.0 * self._every
-
-    def run(self) -> Run | None:
-        """The samples from ``first_known`` on, as ``read_run`` has them; None unless everybody was known then."""
-        if not self._rows:
-            return None
-        width = max(table.shape[1] for row in self._rows for table in row[1:])
-        times, *tables = zip(*self._rows, strict=True)
-        truth, estimate = (np.array([_widened(one, width) for one in table]) for table in tables)
-        status = np.where(np.isnan(estimate).any(axis=2), "away", "anchored")
-        sent = np.zeros(status.shape, dtype=np.int64)
-        run = Run(np.array(times), truth, estimate, sent, status, self._names, "live")
-        first = first_known(run)
-        if first is None or np.isnan(run.error[first]).any():
-            return None
-        return Run(
-            run.times[first:], truth[first:], estimate[first:], sent[first:], status[first:], self._names, "live"
-        )  # fmt: skip
-
-
-def _table(rows: tuple[FloatArray | None, ...]) -> FloatArray:
-    """(N, n), missing states of smaller nodes 0, all of them NaN where a node is not known."""
-    table = np.zeros((len(rows), max([1, *(row.shape[0] for row in rows if row is not None)])))
-    for k, row in enumerate(rows):
-        table[k, : None if row is None else row.shape[0]] = np.nan if row is None else row
-    return table
-
-
-def _widened(table: FloatArray, width: int) -> FloatArray:
-    """The same with ``width`` columns: before every node was known nobody knew how many there are."""
-    more = np.zeros((table.shape[0], width - table.shape[1]))
-    more[np.isnan(table).any(axis=1)] = np.nan
-    return np.hstack([table, more])
 
 
 @dataclass(eq=False)
@@ -140,6 +86,8 @@ class LiveRun:
         programs = [node.program for node in plan.nodes]
         self.monitor = Monitor(self.transport, plan.network, programs, self.clock, plan.motions)
         self.supervisor = Supervisor(plan, self.clock, self.transport)
+        link = opener("supervisor", plan.identity)
+        self.arrivals = Arrivals(plan.settings_folder, plan.nodes, self.monitor, link)
         self.recorder = Recorder(plan.names)
         self._told = 0
         if self.log is not None:
@@ -179,12 +127,13 @@ class LiveRun:
 
     def heard(self) -> bool:
         """Whether an estimate of every node was heard within the last second."""
-        return bool((self.monitor.snapshot().age < 1.0).all())
+        return bool((self.monitor.snapshot().age[: len(self.plan.nodes)] < 1.0).all())
 
     def step(self) -> None:
         """Take in what has arrived and look after the processes."""
         self.monitor.poll()
         self.supervisor.tick()
+        self._welcome()
         self._log_events()
 
     def close(self) -> None:
@@ -196,6 +145,7 @@ class LiveRun:
         self.monitor.poll()
         self._log_events()
         self.transport.close()
+        self.arrivals.close()
         if self.log is not None:
             try:
                 self._tell_rates(self.log)
@@ -208,6 +158,23 @@ class LiveRun:
         if self.observer is not None and log.failure is None and self.rates is None:
             self.rates = rates_of(self, self.recorder.run(), self.observer)
             log.tell({name: self.rates[name] for name in _TOLD if self.rates[name] is not None})
+
+    def _welcome(self) -> None:
+        """Nodes that joined since the last look: the log gets their names and links."""
+        arrivals, now = self.arrivals, self.clock.now()
+        fresh = arrivals.look(now)
+        self.supervisor.events += [(now, self.plan.watcher, text) for text in arrivals.failures]
+        arrivals.failures.clear()
+        if not fresh:
+            return
+        self.supervisor.joined = [node.name for node in arrivals.joined]
+        self.supervisor.events += [(now, node.name, "joined the run") for node in fresh]
+        if self.log is None or self.trouble is not None:
+            return
+        try:
+            self.log.tell({JOINED: self.supervisor.joined, "hears": arrivals.hears, "anchors": arrivals.anchors})
+        except FileFormatError as error:
+            self.trouble = str(error)
 
     def _write(self, frame: Any, received: float) -> None:
         """A log that fails ends the logging, not the run."""
@@ -258,7 +225,9 @@ def ended_by_signals() -> Iterator[threading.Event]:
 
 def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict[str, Any]:
     """The JSON object of ``run``."""
-    plan, statuses = live.plan, [status for status in last.status if status is not None]
+    plan = live.plan
+    heard = last.age[: len(plan.names)]  # of the run's own nodes: nobody here started those that joined it
+    statuses = [status for status in last.status[: len(plan.names)] if status is not None]
     run = live.recorder.run()
     usage = live.supervisor.usage()
     lasted = max(last.time, 1e-9)
@@ -275,11 +244,12 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
         "initial_error": None if norms is None else float(norms[0]),
         "final_error": None if norms is None else float(norms[-1]),
         "relative_error": None if norms is None or not size else float(norms[-1]) / size,
-        "heard": int(np.isfinite(last.age).sum()),
+        "heard": int(np.isfinite(heard).sum()),
         "anchored": sum(status.anchored for status in statuses),
         "covered": sum(status.covered for status in statuses),
         "dead": list(live.supervisor.dead_before_the_end),
-        "silent": [name for name, age in zip(plan.names, last.age, strict=True) if not age < limit],
+        "silent": [name for name, age in zip(plan.names, heard, strict=True) if not age < limit],
+        "joined": live.supervisor.joined,
         "restarts": live.supervisor.restarts,
         "acts": sum(status.acts for status in statuses),
         "missed": sum(status.missed for status in statuses),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +23,8 @@ from trigpoint.io import load
 from trigpoint.observers.local import LocalObserver
 from trigpoint.observers.run import Run
 from trigpoint.runtime import Log, Monitor, NodeSettings, Snapshot, SystemClock, read_log, run_of
+from trigpoint.runtime.arrivals import Arrivals, opener
+from trigpoint.runtime.log_format import JOINED
 from trigpoint.runtime.viewer import VIEWER_FILE, nodes_in, read_viewer, running, view_transport
 
 _OVER = "The run is over."
@@ -73,7 +76,12 @@ def _of_log(log: Log, network: Path | None) -> ReplayFeed:
     if network is not None:
         scene = _scene(network, log.names, title)
     elif "hears" in log.attributes:
-        scene = Scene(links_of(log.names, log.attributes["hears"], log.attributes.get("anchors", ())), title)
+        joined = log.attributes.get(JOINED, ())
+        scene = Scene(
+            links_of(log.names, log.attributes["hears"], log.attributes.get("anchors", ())),
+            title,
+            joined=tuple(k for k, name in enumerate(log.names) if name in joined),
+        )
     else:
         raise ArgumentError(f"{log.path} does not tell its links: name its network, too")
     run = run_of(log)
@@ -149,12 +157,16 @@ def attached(folder: Path) -> Iterator[LiveFeed]:
     transport = view_transport(viewer, nodes)
     programs = [node.program for node in nodes]
     monitor = Monitor(transport, viewer.network, programs, SystemClock(), viewer.motions)
-    looked = 0.0
+    arrivals = Arrivals((folder / VIEWER_FILE).parent, nodes, monitor, opener("monitor", viewer.identity))
+    looked, welcome = 0.0, _Welcome(arrivals, nodes)
 
     def snapshot() -> Snapshot:
         nonlocal looked  # when the status was read
         monitor.poll()
+        arrivals.look(time.monotonic())
         found = monitor.snapshot()
+        for name in welcome.into(feed, found.names):
+            feed.note(f"{name}: joined the run", found.names.index(name))
         if found.time - looked >= _LOOK:
             looked = found.time
             if feed.ended is None and not running(folder):
@@ -165,12 +177,35 @@ def attached(folder: Path) -> Iterator[LiveFeed]:
     try:
         yield feed
     finally:
+        arrivals.close()
         transport.close()
+
+
+class _Welcome:
+    """Makes room on a page for nodes that join the run of these ``nodes``."""
+
+    def __init__(self, arrivals: Arrivals, nodes: Sequence[NodeSettings]) -> None:
+        self._arrivals, self._settings, self._known = arrivals, nodes[0], len(nodes)
+        self._shown = len(nodes)
+
+    def into(self, feed: LiveFeed, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Extend the ``feed`` where the snapshot at hand has more ``names`` than the last one; the new ones."""
+        fresh = names[self._shown :]
+        if fresh:
+            self._shown = len(names)
+            links = links_of(names, self._arrivals.hears, self._arrivals.anchors)
+            joined = tuple(range(self._known, len(names)))
+            feed.extend(replace(_scene_of(links, self._settings), joined=joined))
+        return fresh
 
 
 def _live_scene(programs: Sequence[LocalObserver], settings: NodeSettings) -> Scene:
     names = [program.name for program in programs]
     links = links_of(names, {program.name: program.hears for program in programs}, anchored_by(programs))
+    return _scene_of(links, settings)
+
+
+def _scene_of(links: MeasurementGraph, settings: NodeSettings) -> Scene:
     return Scene(links, settings.network, rate=settings.decay_rate or None, rate_name=DESIGNED)
 
 
@@ -185,18 +220,20 @@ def watched(live: LiveRun, port: int | None) -> Iterator[None]:
         yield
         return
     programs, settings = [node.program for node in live.plan.nodes], live.plan.nodes[0]
-    index = {name: k for k, name in enumerate(live.plan.names)}
-    told = 0
+    told, welcome = 0, _Welcome(live.arrivals, live.plan.nodes)
 
     def snapshot() -> Snapshot:
         nonlocal told  # how many of the supervisor's events the page knows
+        found = live.monitor.snapshot()
+        welcome.into(feed, found.names)
+        index = {name: k for k, name in enumerate(found.names)}
         events = live.supervisor.events
         for _, node, text in events[told:]:
             feed.note(f"{node}: {text}", index.get(node))
         told = len(events)
         if live.closing and feed.ended is None:  # what comes now is the nodes' going, not the run
             feed.end(_OVER)
-        return live.monitor.snapshot()
+        return found
 
     feed = LiveFeed(snapshot, _live_scene(programs, settings), live.supervisor, stale=_silent_after(settings))
     with serving(live_app(feed), port) as address:

@@ -19,7 +19,7 @@ from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
 from trigpoint.runtime.memory import MemoryNetwork
 from trigpoint.runtime.monitor import Controls, Monitor, Snapshot
-from trigpoint.runtime.newcomer import Newcomer, join
+from trigpoint.runtime.newcomer import Newcomer, join, leave
 from trigpoint.runtime.plan import TRANSPORTS, LivePlan, free_addresses, linked
 from trigpoint.runtime.plant import PlantSettings, SimulatedPlant
 from trigpoint.runtime.replay import read_readings
@@ -101,6 +101,7 @@ __all__ = [
     "guest_rules",
     "is_local",
     "join",
+    "leave",
     "linked",
     "make_keys",
     "node_rules",
