@@ -17,6 +17,7 @@ from trigpoint.cli.compose import estimating, kind_of, read
 from trigpoint.cli.live import LiveRun
 from trigpoint.cli.shell import HOLDS, Json, emit, guarded, notice
 from trigpoint.dashboard import DESIGNED, Event, LiveFeed, ReplayFeed, Scene, live_app, page_url, serve, serving
+from trigpoint.dashboard.told import places_beside
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.graphs import EXTERNAL, MeasurementGraph
 from trigpoint.io import load
@@ -73,17 +74,15 @@ def feed_of(file: Path, network: Path | None) -> ReplayFeed:
 
 def _of_log(log: Log, network: Path | None) -> ReplayFeed:
     title = f"{log.network} ({Path(log.path).name})"
+    joined = tuple(name for name in log.names if name in log.attributes.get(JOINED, ()))
     if network is not None:
-        scene = _scene(network, log.names, title)
+        scene = _scene(network, log.names[: len(log.names) - len(joined)], title)
     elif "hears" in log.attributes:
-        joined = log.attributes.get(JOINED, ())
-        scene = Scene(
-            links_of(log.names, log.attributes["hears"], log.attributes.get("anchors", ())),
-            title,
-            joined=tuple(k for k, name in enumerate(log.names) if name in joined),
-        )
+        scene = Scene(_links_in(log), title)
     else:
         raise ArgumentError(f"{log.path} does not tell its links: name its network, too")
+    if joined:
+        scene = _with_newcomers(scene, log, joined)
     run = run_of(log)
     start = float(run.attributes.get("start", 0.0))
     uncertainty, age = _told(log, run.times + start)
@@ -98,6 +97,21 @@ def _of_log(log: Log, network: Path | None) -> ReplayFeed:
         events=events,
         stale=2.0 * stale if isinstance(stale, float) and stale > 0.0 else None,
     )
+
+
+def _links_in(log: Log) -> MeasurementGraph:
+    return links_of(log.names, log.attributes.get("hears", {}), log.attributes.get("anchors", ()))
+
+
+def _with_newcomers(scene: Scene, log: Log, joined: tuple[str, ...]) -> Scene:
+    """The ``scene`` of the run's own nodes, and what the log says of those that came later."""
+    known, graph = len(log.names) - len(joined), _links_in(log)
+    if scene.graph.n_nodes == known:
+        new = (graph.tail >= known) | (graph.head >= known)
+        arcs = np.append(scene.graph.tail, graph.tail[new]), np.append(scene.graph.head, graph.head[new])
+        graph = MeasurementGraph(len(log.names), *arcs, names=log.names)
+    places = None if scene.positions is None else places_beside(np.asarray(scene.positions, dtype=np.float64), graph)
+    return replace(scene, graph=graph, positions=places, joined=tuple(range(known, len(log.names))))
 
 
 def _told(log: Log, times: FloatArray) -> tuple[FloatArray, FloatArray]:

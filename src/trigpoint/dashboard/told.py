@@ -31,7 +31,7 @@ def nothing_said(nodes: int) -> np.ndarray[Any, Any]:
 
 
 def places_beside(places: FloatArray, graph: MeasurementGraph) -> FloatArray:
-    """(N, 2) the ``places`` of a network's first nodes, and each further one of ``graph`` beside its neighbours.
+    """(N, d) the ``places`` of a network's first nodes, and each further one of ``graph`` beside its neighbours.
 
     A little further out than their mean, so that it lies on none of them.
     """
@@ -43,7 +43,7 @@ def places_beside(places: FloatArray, graph: MeasurementGraph) -> FloatArray:
         mean = np.mean([found[k] for k in others], axis=0) if others else centre
         out = mean - centre
         size = float(np.linalg.norm(out))
-        way = out / size if size > 1e-9 * reach else np.array([np.cos(node), np.sin(node)])
+        way = out / size if size > 1e-9 * reach else np.resize([np.cos(node), np.sin(node)], centre.shape)
         found.append(mean + 0.12 * reach * way)
     return np.array(found)
 

@@ -42,7 +42,8 @@ class PlantSettings:
         origin: time of the parts' ``start``, seconds since 1970; None for when the process starts. A plant that is
             started again goes on where it would be by now (past process noise apart).
         peers: addresses to connect to, by name: the nodes, the monitor.
-        listen: own address; empty for none.
+        listen: own address, for guests; empty for none. Nodes do not know it.
+        guests: names that may connect there and hear the truth, with the role ``monitor`` of each.
         identity: certificates for TLS and QUIC.
     """
 
@@ -56,6 +57,7 @@ class PlantSettings:
     origin: float | None = None
     peers: Mapping[str, str] = field(default_factory=dict)
     listen: str = ""
+    guests: Mapping[str, str] = field(default_factory=dict)
     identity: Identity | None = None
 
     def __post_init__(self) -> None:
@@ -95,6 +97,7 @@ class PlantSettings:
             "origin": self.origin,
             "peers": dict(self.peers),
             "listen": self.listen,
+            "guests": dict(self.guests),
             "identity": None if self.identity is None else vars(self.identity),
         }
 
