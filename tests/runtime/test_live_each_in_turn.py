@@ -10,7 +10,7 @@ import pytest
 from tests.runtime.living import GRID, anchored, designed, everybody_heard, killed, living, runs, status_of, until
 from trigpoint.cli.live import ages
 from trigpoint.observers.aged import aged_error_norms
-from trigpoint.runtime import Kind
+from trigpoint.runtime import LINK_FIELDS, STATUS_FIELDS, Kind, State
 
 DOWN = 4.0
 SETTLED = 0.5  # s after a kill; the neighbours use the last word of the dead for as long as it is not stale
@@ -24,11 +24,14 @@ class Observed:
         self.times: list[float] = []
         self.errors: list[np.ndarray] = []
         self.claims: list[tuple[float, str, bool]] = []
+        self.links: list[tuple[float, list[bool]]] = []
         live.monitor.hooks.append(self._hear)
 
     def _hear(self, frame, _) -> None:
         if frame.kind is Kind.STATUS:
             self.claims.append((frame.time, frame.sender, bool(frame.values[0])))
+            rows = frame.values[len(STATUS_FIELDS) :].reshape(-1, len(LINK_FIELDS))
+            self.links.append((frame.time, [row[0] == State.LIVE for row in rows]))
 
     def until(self, what) -> float:
         """Go on until ``what`` holds of the latest errors; when that was."""
@@ -46,6 +49,11 @@ class Observed:
         """The first sample from ``moment`` on."""
         k = int(np.searchsorted(self.times, moment))
         return self.times[k], self.errors[k]
+
+    def share_at_work(self, begin: float, end: float) -> float:
+        """Of all links and the time from ``begin`` to ``end``, as the nodes say: 1 unless the machine is held up."""
+        told = [live for time, links in self.links if begin <= time <= end for live in links]
+        return float(np.mean(told))
 
     def expected(self, error, begin: float, end: float, without: str | None = None) -> np.ndarray:
         """Norms of the errors from ``begin`` to ``end``, by theory, with the ages that messages had meanwhile."""
@@ -89,14 +97,17 @@ def the_others_go_on(seen: Observed, victim: str, moment: float, back: float) ->
 
 
 def the_network_is_back(seen: Observed, victim: str, back: float) -> tuple[float, float]:
-    """Once the newcomer's error has spread: at an e^2-th of it within the predicted time."""
+    """The error that the new process brings has fallen to an e^2-th, and by another fifth, within the predicted time.
+
+    Near the level the norm may be all but flat for a second, as modes that turn pass each other: hence the fifth.
+    """
     begin, first = seen.since(back)
     level = np.linalg.norm(first) / np.e**2
     end = seen.until(lambda error: np.linalg.norm(error) <= level)
-    norms = seen.expected(first, begin, end + 5.0)
-    predicted = seen.live.plan.nodes[0].period * int(np.argmax(norms <= level))
-    assert norms[-1] <= level
-    assert end - begin < 1.15 * predicted + 0.5, (victim, end - begin, predicted)
+    norms = seen.expected(first, begin, end + 10.0)
+    assert norms[-1] <= 0.8 * level
+    predicted = seen.live.plan.nodes[0].period * int(np.argmax(norms <= 0.8 * level)) / seen.share_at_work(begin, end)
+    assert end - begin < 1.15 * predicted, (victim, end - begin, predicted)
     return end - begin, predicted
 
 
