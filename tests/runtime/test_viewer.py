@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.runtime.living import CHAIN, GRID, anchored, everybody_heard, living, planned, status_of, until
+from tests.runtime.living import CHAIN, GRID, anchored, everybody_heard, killed, living, planned, status_of, until
 from trigpoint.cli.watching import attached
 from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
 from trigpoint.runtime import Identity, SimulatedPlant, ZenohTransport
@@ -53,6 +53,11 @@ def test_what_a_run_shows_from_outside(tmp_path, kind):
             assert live.monitor.malformed == 0
             dropped = [status.counters.dropped for status in live.monitor.snapshot().status]
             assert dropped == [0, 0, 0]  # it has said nothing
+            before = live.supervisor.plant_pid
+            killed(before)
+            until(live, lambda: live.supervisor.plant_pid not in (None, before))
+            with attached(folder) as third:  # at the same address, from the plant that was started again
+                until(live, lambda: np.isfinite(third._source().error).all())
             live.close()
             assert status_of(live)["over"] is True
             assert not running(folder)
