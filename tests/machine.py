@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import resource
 import socket
@@ -51,6 +52,7 @@ def until(done: Callable[[], object], act: Callable[[], object] = lambda: None, 
 
 # -- ports -------------------------------------------------------------------------------------------------------------
 _claims: list[socket.socket] = []
+atexit.register(lambda: [claim.close() for claim in _claims])
 
 
 def free_port(kind: int = socket.SOCK_STREAM) -> int:

@@ -15,8 +15,9 @@ import pytest
 
 from tests.cli.shelled import MAIN, trigpoint
 from tests.machine import PATIENCE, until, with_time
-from tests.runtime.living import CHAIN, ports_of_our_own, runs
-from trigpoint.cli.live import Recorder, seconds_of
+from tests.runtime.living import CHAIN, log_so_far, ports_of_our_own, runs
+from trigpoint.cli.live import seconds_of
+from trigpoint.cli.recorder import Recorder
 from trigpoint.errors import ArgumentError
 from trigpoint.runtime import LINK_FIELDS, STATUS_FIELDS, Snapshot, State, parse_address, read_log, read_settings
 
@@ -24,7 +25,7 @@ KEYS = {
     "nodes", "processes", "rate", "seconds", "decay_rate_measured", "decay_rate_expected", "decay_rate_predicted",
     "decay_rate", "message_age", "reading_age", "initial_error", "final_error", "relative_error", "heard", "anchored",
     "covered", "dead", "silent", "restarts", "acts", "missed", "step_us", "frames", "bytes", "cpu_per_node",
-    "memory_per_process", "memory", "warnings", "log", "readings",
+    "memory_per_process", "memory", "warnings", "log", "readings", "joined",
 }  # fmt: skip
 
 
@@ -83,7 +84,7 @@ def test_other_durations_are_refused(text, scenario):
 
 def come_far(path):
     """Whether a log that is being written shows a hundredth of the first errors, and thirty statuses of each node."""
-    log = read_log(path) if path.exists() else None
+    log = log_so_far(path)
     tables = () if log is None else (log.estimates, log.truths, log.statuses)
     if not tables or any(len(table) < 3 for table in tables):
         return False
@@ -116,10 +117,17 @@ def run_to_summary(scenario, out):
     assert (facts["anchored"], facts["covered"], facts["heard"], facts["dead"], facts["silent"]) == (3, 3, 3, [], [])
     assert facts["final_error"] < 0.1 * facts["initial_error"]
     assert facts["acts"] > 30
+    page = trigpoint("report", out / "run.mcap")
+    assert page.exit_code == 0, page.stderr
+    text = (out / "run.live.html").read_text(encoding="utf-8")
+    assert "measured decay rate [1/s]" in text
+    assert "predicted decay rate, in the long run [1/s]" in text
     assert not any(runs(pid) for pid in pids)
     log = read_log(out / "run.mcap")
     assert log.complete
     assert facts["log"] == str(out / "run.mcap")
+    told = {name: log.attributes.get(name) for name in ("decay_rate_predicted", "message_age", "reading_age")}
+    assert told == {name: facts[name] for name in told}  # the end tells the log what it tells the user
     ages_are_differences_of_phases(log, facts)
 
 
@@ -258,8 +266,8 @@ def test_what_the_simulation_alone_has_is_said(scenario, tmp_path):
     assert "[simulate] loss: not used" in result.stderr
 
 
-def snapshot(time, value):
-    known = (np.array([value]), np.array([value, 1.0]))
+def snapshot(time, value, known=None):
+    known = known or (np.array([value]), np.array([value, 1.0]))
     nothing = (np.zeros(1), np.zeros(2))
     return Snapshot(time, ("a", "b"), known, nothing, (None, None), np.zeros(2), np.zeros(2))
 
@@ -275,6 +283,22 @@ def test_samples_are_thinned_out():
     assert run.truth.shape[1:] == (2, 2)
     gap = run.estimate[:, 0, 0]
     np.testing.assert_allclose(gap, np.exp(-0.3 * run.times))
+
+
+def test_a_recorded_run_begins_when_every_node_is_known():
+    """As that of its log does: by ``first_known``; nodes of fewer states are filled up with zeros."""
+    recorder = Recorder(("a", "b"), 0.1)
+    recorder.take(snapshot(0.0, 2.0, known=(None, None)))
+    recorder.take(snapshot(0.2, 2.0, known=(np.array([5.0]), None)))
+    assert recorder.run() is None
+    recorder.take(snapshot(0.25, 2.0))  # not due yet
+    recorder.take(snapshot(0.4, 2.0))
+    recorder.take(snapshot(0.6, 1.0))
+    run = recorder.run()
+    assert run.times.tolist() == [0.4, 0.6]
+    assert run.estimate[0].tolist() == [[2.0, 0.0], [2.0, 1.0]]
+    assert (run.status == "anchored").all()
+    assert np.isfinite(run.error_norm).all()
 
 
 def test_a_method_that_nobody_knows_is_told_with_its_line(scenario):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
+from tests.cli.shelled import refused, trigpoint
 from tests.machine import PATIENCE, free_port, until
 from trigpoint import graphs
 from trigpoint.cli.watching import feed_of, links_of
@@ -65,6 +66,25 @@ def test_a_log_on_a_network_with_places(tmp_path):
     assert feed.topology()["unit"] == "mm"
     with pytest.raises(ArgumentError, match="does not tell its links"):
         feed_of(tmp_path / "run.mcap", None)
+
+
+def test_a_log_with_a_newcomer_on_the_network_that_it_joined(tmp_path):
+    graph = graphs.chain(3, anchors=(0,))
+    graph = type(graph)(3, graph.tail, graph.head, names=NAMES)
+    places = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]])
+    save(Network(graph, np.zeros(3), positions=places), tmp_path / "net.csv")
+    path = tmp_path / "run.mcap"
+    logged(path, joined=["new"], hears={**HEARS, "c": ["b", "new"], "new": ["c"]}, anchors=["a", "new"])
+    for network in (tmp_path / "net.csv", None):
+        topology = feed_of(path, network).topology()
+        assert topology["names"] == [*NAMES, "new"]
+        assert (topology["joined"], topology["anchored"]) == ([3], [0, 3])
+        assert sorted(topology["arcs"]) == [[0, 1], [1, 2], [2, 3]]
+    topology = feed_of(path, tmp_path / "net.csv").topology()
+    assert topology["x"][:3] == [0.0, 1.0, 2.0]
+    refused(
+        trigpoint("report", path, "--network", tmp_path / "net.csv", "--animate", tmp_path / "a.gif"), "new joined it"
+    )
 
 
 def test_what_cannot_be_watched(tmp_path):

@@ -18,7 +18,9 @@ from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import part_of, read_any
 from trigpoint.cli.live import LiveRun
 from trigpoint.cli.live_plan import Design, Places, plan_of
+from trigpoint.errors import FileFormatError
 from trigpoint.methods import design
+from trigpoint.runtime import Log, read_log
 
 CHAIN = """
 [network]
@@ -81,6 +83,14 @@ def everybody_heard(live: LiveRun) -> bool:
 
 def anchored(live: LiveRun) -> int:
     return sum(status.anchored for status in live.monitor.snapshot().status if status is not None)
+
+
+def log_so_far(path: Path) -> Log | None:
+    """The log of a run that goes on; None while it does not say yet whose it is."""
+    try:
+        return read_log(path)
+    except FileFormatError:
+        return None
 
 
 def status_of(live: LiveRun) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def status(name: str, k: int, time: float, values: Any) -> Frame:
     return Frame(Kind.STATUS, name, EPOCH, k, time, (), np.asarray(values, dtype=float))
 
 
-def small_log(path: Path, rounds: int = 6) -> Path:
+def small_log(path: Path, rounds: int = 6, later: dict[str, Any] | None = None) -> Path:
     """Two nodes with truth, readings, statuses and events; the file is closed."""
     with LogWriter(path, network="net", names=["a", "b/c"], attributes=ATTRIBUTES) as log:
         log.event("began", time=START)
@@ -45,6 +45,8 @@ def small_log(path: Path, rounds: int = 6) -> Path:
             log.write(status("a", k, now, [1.0] * (len(STATUS_FIELDS) + len(LINK_FIELDS) * (k % 3))), now + 0.004)
         log.write(Frame(Kind.BYE, "a", EPOCH, 0, now), now)
         log.event("lost", "a", time=now)
+        if later is not None:
+            log.tell(later)
     return path
 
 

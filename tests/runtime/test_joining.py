@@ -19,6 +19,7 @@ from trigpoint.runtime import (
     Newcomer,
     NodeSettings,
     join,
+    leave,
     make_keys,
     read_settings,
     run_virtual,
@@ -116,6 +117,38 @@ def test_what_does_not_fit_is_refused(changes, neighbours, words) -> None:
     assert words in str(caught.value)
 
 
+def test_who_left_for_good_leaves_no_trace() -> None:
+    """Joining and leaving again: the neighbours have what they had."""
+    before = [replace(one, nodes=5) for one in two()]
+    _, grown = join(NEW, before)
+    after = leave("new", grown)
+    assert [one.to_document() for one in after] == [one.to_document() for one in before]
+    (alone,) = leave("0", [replace(two()[0], peers={"0": "tcp/127.0.0.1:7000"}, drives={"0": np.zeros(2)})])
+    assert (alone.program.hears, dict(alone.peers), dict(alone.drives)) == (("2",), {}, {})
+    assert len(alone.program.reads) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "neighbours", "words"),
+    [
+        ("0", [], "got no neighbour"),
+        ("3", [two()[0]], "'1' does not hear '3'; it hears 0, 2"),
+        ("0", [two(coverage="nominal")[0]], "for its present network only"),
+        ("3", [two()[1]], "'4' would hear nobody and read nothing"),
+    ],
+)
+def test_who_cannot_be_left_out(name, neighbours, words) -> None:
+    with pytest.raises(ArgumentError, match=words):
+        leave(name, neighbours)
+
+
+def test_a_measurement_of_many_cannot_be_left_out() -> None:
+    one = two()[0]
+    arc = replace(one.program.arcs[0], more=(("2", np.ones((1, 2))),))
+    with pytest.raises(ArgumentError, match="joins '0' and others"):
+        leave("0", [replace(one, program=replace(one.program, arcs=(arc,), _memo={}))])
+
+
 def test_programs_that_say_nothing_of_a_new_arc_are_refused() -> None:
     first, second = two()
     heavier = replace(second.program.arcs[0], gain=2.0 * second.program.arcs[0].gain)
@@ -176,6 +209,27 @@ def test_the_files_of_the_neighbours_and_nobody_else_change(files) -> None:
     refused(trigpoint(*asked(files)), "is taken")
 
 
+def test_and_back_again(files) -> None:
+    before = contents(files)
+    assert trigpoint(*asked(files)).exit_code == 0
+    call = ("node", "--gone", "new", "--beside", files / "node-1.json", "--beside", files / "node-4.json")
+    result = trigpoint(*call, "--out", files / "fresh", "--json")
+    places = {"1": files / "fresh" / "node-1.json", "4": files / "fresh" / "node-4.json"}
+    assert json.loads(result.stdout) == {"neighbours": {name: str(place) for name, place in places.items()}}
+    result = trigpoint(*call)
+    assert f"4: {files / 'node-4.json'}   (send its process SIGHUP)" in result.stdout
+    assert {name: text for name, text in contents(files).items() if name != "new.json"} == before
+    refused(trigpoint(*call), "does not hear 'new'")
+    refused(trigpoint(*call, "--label", "3"), "--gone takes")
+    refused(trigpoint(*call, "--new", "n"), "give one of them")
+    twice = ("--beside", files / "fresh" / "node-4.json", "--out", files / "more")
+    assert trigpoint(*asked(files)).exit_code == 2  # its own file is still there
+    (files / "new.json").unlink()
+    assert trigpoint(*asked(files)).exit_code == 0
+    assert trigpoint(*asked(files / "fresh", "--out", files / "fresh")).exit_code == 0
+    refused(trigpoint(*call, *twice), "would have one name")
+
+
 def test_or_the_files_go_to_a_folder(files) -> None:
     before = contents(files)
     result = trigpoint(*asked(files, "--out", files / "fresh"))
@@ -197,7 +251,7 @@ def test_a_file_that_cannot_be_written_leaves_all_as_they_were(files) -> None:
     [
         (("node",), "name the settings of a node"),
         (("node", "a.json", "--label", "3"), "--label belongs to --new NAME"),
-        (("node", "a.json", "--json"), "--json belongs to --new NAME"),
+        (("node", "a.json", "--json"), "--json belongs to --new NAME or --gone NAME"),
         (("node", "--new", "n"), "needs --listen"),
         (("node", "a.json", "--new", "n", "--listen", "tcp/127.0.0.1:1"), "takes no files"),
     ],

@@ -20,13 +20,14 @@ from tests.runtime.living import (
     everybody_heard,
     killed,
     living,
+    log_so_far,
     runs,
     status_of,
     until,
 )
 from trigpoint.cli.live import facts_of
 from trigpoint.errors import ArgumentError
-from trigpoint.runtime import Kind, read_log
+from trigpoint.runtime import Kind
 from trigpoint.runtime.clock import new_epoch
 from trigpoint.runtime.status import STATUS_FIELDS
 
@@ -93,7 +94,7 @@ def test_no_orphans_whatever_kills_the_parent(tmp_path):
     log = tmp_path / "out" / "run.mcap"
 
     def all_speak():
-        found = read_log(log) if log.exists() else None
+        found = log_so_far(log)
         return found is not None and len(found.estimates) == 3 and len(found.readings) == 3
 
     assert machine.until(all_speak, within=2.0 * PATIENCE)

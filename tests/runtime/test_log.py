@@ -31,6 +31,7 @@ from trigpoint.runtime import (
     State,
     mcap_write,
     read_log,
+    read_run,
 )
 
 NAMES = ("a", "b/c", "µ %2F", "")
@@ -131,14 +132,14 @@ def fits(value: Any, schema: dict[str, Any]) -> bool:
 
 def test_the_plain_library_reads_it_and_every_message_fits_its_schema(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    small_log(path)
+    small_log(path, later={"seed": 4, "joined": ["d"]})
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
         assert summary is not None
         assert summary.statistics is not None
         found = list(reader.iter_messages())
-        (described,) = reader.iter_metadata()
+        described, later = reader.iter_metadata()
     assert summary.statistics.message_count == len(found) == 2 + 6 * 6 + 1
     assert summary.statistics.chunk_count == len(summary.chunk_indexes)
     assert {channel.topic for channel in summary.channels.values()} == {
@@ -152,6 +153,8 @@ def test_the_plain_library_reads_it_and_every_message_fits_its_schema(tmp_path: 
         "/truth/b%2Fc",
     }
     assert described.metadata["kind"] == "trigpoint/log"
+    assert later.metadata == {"attributes": '{"seed":4,"joined":["d"]}'}
+    assert summary.statistics.metadata_count == len(summary.metadata_indexes) == 2
     for schema, channel, message in found:
         assert schema is not None
         assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
@@ -278,6 +281,44 @@ def test_numbers_that_are_none_are_refused(tmp_path: Path) -> None:
     for attributes in ({"x": np.nan}, {"x": object()}):
         with pytest.raises(ArgumentError, match="plain numbers"):
             LogWriter(tmp_path / "other.mcap", network="n", names=[], attributes=attributes)
+
+
+def test_what_is_told_later_counts_at_once_and_the_last_word_of_it(tmp_path: Path) -> None:
+    """Also where the writer is killed then; a node that joined is named in the statuses of its neighbours, and read."""
+    path = tmp_path / "run.mcap"
+    log = LogWriter(path, network="n", names=["a"], attributes={"seed": 1, "gain": 2.0, "hears": {"a": []}})
+    log.write(estimate("a", 0, START, [1.0]), START)
+    log.tell({"joined": ["d"], "hears": {"a": ["d"], "d": ["a"]}, "seed": 2})
+    log.write(status("a", 0, START, [1.0] * (len(STATUS_FIELDS) + len(LINK_FIELDS))), START)
+    log.write(estimate("d", 0, START, [3.0]), START)
+    log.tell({"seed": 3})
+    found = read_log(path)
+    assert not found.complete
+    assert found.names == ("a", "d")
+    assert (found.attributes["seed"], found.attributes["gain"]) == (3, 2.0)
+    log.close()
+    found = read_log(path)
+    assert found.complete
+    assert [link.neighbour for link in found.status("a").links] == ["d"]  # type: ignore[union-attr]
+    assert read_run(path).estimate[0].tolist() == [[1.0], [3.0]]
+    with pytest.raises(ArgumentError, match="plain numbers"):
+        log.tell({"x": object()})
+    with pytest.raises(FileFormatError, match="is closed"):
+        log.tell({"x": 1})
+
+
+@pytest.mark.parametrize("more", ["{", "[]", '{"joined": ["a"]}', '{"joined": [3]}', '{"joined": "b"}'])
+def test_a_later_description_that_means_nothing(tmp_path: Path, more: str) -> None:
+    """No JSON, or names twice, are said; what is no object or no list of names is passed over."""
+    path = tmp_path / "run.mcap"
+    log = LogWriter(path, network="n", names=["a"], attributes={})
+    log._file.describe({"attributes": more})
+    log.close()
+    if more in ("[]", '{"joined": "b"}'):
+        assert read_log(path).names == ("a",)
+    else:
+        with pytest.raises(FileFormatError, match="its description"):
+            read_log(path)
 
 
 def test_many_messages_do_not_wait_for_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,7 +61,7 @@ def test_of_two_neighbours_the_later_connects(tmp_path):
         assert len(set(listens.values())) == 9
         assert all(address == listens[other] for node in plan.nodes for other, address in node.peers.items())
         assert {parse_address(address).local for address in listens.values()} == {True}
-        assert set(plan.plant.peers) == {*names, plan.watcher, plan.viewer.name}
+        assert set(plan.plant.peers) == {*names, plan.watcher}
 
 
 def test_who_is_heard_without_hearing_lets_the_other_listen(tmp_path):

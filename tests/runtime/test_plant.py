@@ -9,11 +9,24 @@ import threading
 import numpy as np
 import pytest
 
+import trigpoint as tp
 from tests.machine import PATIENCE, until
 from tests.runtime.living import CHAIN, GRID, planned
 from trigpoint.arrays import expm
 from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
-from trigpoint.runtime import Instrument, Kind, Part, PlantSettings, SimulatedPlant, SystemClock, decode_frame
+from trigpoint.runtime import (
+    SENSOR,
+    Instrument,
+    Kind,
+    LinearPlant,
+    MemoryNetwork,
+    Part,
+    PlantSettings,
+    SimulatedPlant,
+    SystemClock,
+    decode_frame,
+    run_virtual,
+)
 from trigpoint.runtime.endings import Order
 from trigpoint.runtime.plant import PlantLoop, read_plant, write_plant
 
@@ -71,7 +84,8 @@ def test_noise_has_the_size_it_was_given():
         moving.advance(step)
         jumps.append(moving.state[0][0] - before)
         before = moving.state[0][0]
-        readings.append(moving.read(noisy.instruments[0])[0] - before)
+        read, _ = (decode_frame(data).values[0] for _, data in moving.frames())
+        readings.append(read - before)
     assert np.std(jumps) == pytest.approx(0.5, rel=0.1)
     assert np.std(readings) == pytest.approx(0.25, rel=0.1)
 
@@ -96,9 +110,73 @@ def test_the_plan_of_a_measured_network_repeats_its_readings(tmp_path):
         assert all(not node.start.any() for node in plan.nodes)  # nobody knows it
 
 
+def plain(plan):
+    """The settings of the plan's nodes, and the memory network between them and the plant."""
+    links = [(name, node.name) for node in plan.nodes for name in node.program.hears]
+    links += [(SENSOR, node.name) for node in plan.nodes]
+    return plan.nodes, MemoryNetwork(links, calm=[SENSOR])
+
+
+@pytest.mark.parametrize("text", [CHAIN, GRID])
+def test_the_truth_of_the_process_in_memory_is_the_simulated_one_to_the_last_bit(text, tmp_path):
+    """Truth and estimates of ``simulate``, of a run in memory with the plan's plant, and the frames of its process."""
+    with planned(text, tmp_path) as (found, plan):
+        nodes, network = plain(plan)
+        times = plan.plant.period * np.arange(40)
+        given = found.given.simulate
+        scenario = tp.Scenario(
+            times, given.initial_error, given.initial_state, period=plan.plant.period, path="reference"
+        )  # fmt: skip
+        simulated = tp.simulate(found.part.problem, found.observer, scenario)
+        live = run_virtual(nodes, plan.plant.truth(), times, network)
+        np.testing.assert_array_equal(live.truth, simulated.truth)
+        np.testing.assert_array_equal(live.estimate, simulated.estimate)
+        process = SimulatedPlant(plan.plant, epoch=1, origin=0.0)
+        for step, truth in enumerate(live.truth):
+            process.advance(step)
+            told = [decode_frame(data) for _, data in process.frames()]
+            np.testing.assert_array_equal([one.values for one in told if one.kind is Kind.TRUTH], truth)
+
+
+def test_process_and_memory_draw_one_noise():
+    part = Part(TURN, np.array([1.0, 2.0]), 0.3 * np.eye(2), np.array([0.0, 0.5]))
+    noisy = plant(parts=(part,), instruments=(Instrument(7, ((0, ROW),), 0.25),), shows=(("a", 0),))
+    process, truth = SimulatedPlant(noisy, epoch=6, origin=0.0), noisy.truth(epoch=6)
+    for step in (1, 2, 5, 30):
+        process.advance(step)
+        truth.move(0.1 * step)
+        frames = [decode_frame(data).values for _, data in process.frames()]
+        np.testing.assert_array_equal(frames[0], truth.readings()[7])
+        np.testing.assert_array_equal(frames[1], truth.truth()[0])
+
+
+def test_a_leap_over_many_periods_and_a_step_within_one_are_free_of_noise():
+    quiet, noisy = (
+        plant(parts=(Part(TURN, np.array([1.0, 2.0]), factor),) * 2, instruments=()).truth()
+        for factor in (None, np.eye(2))
+    )
+    for moment in (150.03, 150.07):
+        quiet.move(moment)
+        noisy.move(moment)
+        np.testing.assert_array_equal(noisy.truth()[0], quiet.truth()[0])
+    noisy.move(150.13)
+    quiet.move(150.13)
+    assert np.abs(noisy.truth()[0] - quiet.truth()[0]).max() > 1e-3
+
+
+def test_noise_needs_a_period():
+    with pytest.raises(ArgumentError, match="process noise is that of one period"):
+        LinearPlant([Part(TURN, np.zeros(2), np.eye(2))], [])
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ({"parts": (Part(TURN, np.zeros(3)),) * 2}, r"part 0 of a plant: .* got \(2, 2\), \(3,\)"),
+        ({"parts": (Part(np.zeros(()), np.zeros(1)),) * 2}, "part 0 of a plant"),
+        ({"parts": (Part(TURN, np.zeros(2), drive=np.zeros(3)),) * 2}, "part 0 of a plant"),
+        ({"parts": (Part(TURN, np.zeros(2), np.zeros((3, 2))),) * 2}, "part 0 of a plant"),
+        ({"instruments": (Instrument(0, ((1, ROW),)),)}, r"reads the part 1 of 1 states by rows of the shape \(1, 2\)"),
         ({"period": 0.0}, "period of a plant must be a positive number of seconds; got 0"),
         ({"shows": (("a", 2),)}, "of 2 parts was asked for the part 2"),
         ({"instruments": (Instrument(9, ()),)}, "instrument 9 reads nothing"),

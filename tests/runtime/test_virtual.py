@@ -12,7 +12,7 @@ from tests.machine import unit
 from tests.runtime.given import DOUBLE, OSCILLATOR, PERIOD, STATIC, case
 from trigpoint.arrays import expm
 from trigpoint.errors import ArgumentError
-from trigpoint.runtime import Down, Frame, Kind, LinearPlant, NodeMachine, Trouble, encode_frame, run_virtual
+from trigpoint.runtime import Down, Frame, Kind, NodeMachine, Trouble, encode_frame, run_virtual
 from trigpoint.runtime.topics import node_key, reading_key
 from trigpoint.runtime.virtual import SENSOR
 from trigpoint.simulation import Channel
@@ -73,11 +73,6 @@ def test_times_must_ascend(times) -> None:
     one = case(STATIC, tp.graphs.chain(2, anchors=[0]))
     with pytest.raises(ArgumentError, match="times must be ascending"):
         run_virtual(one.settings(), one.plant(), np.array(times), one.network())
-
-
-def test_a_plant_needs_a_state_of_each_agent() -> None:
-    with pytest.raises(ArgumentError, match="start must hold one state"):
-        LinearPlant([np.zeros((2, 2))], [np.zeros(3)], {})
 
 
 def test_an_act_with_four_neighbours_takes_well_under_a_millisecond() -> None:

@@ -1,7 +1,8 @@
-"""``trigpoint node --new``: the files with which a node joins a network that runs."""
+"""``trigpoint node --new`` and ``--gone``: the files with which a node joins a network that runs, or has left it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from trigpoint.cli.shell import HOLDS, console, emit
 from trigpoint.errors import ArgumentError
 from trigpoint.runtime.endpoints import require_safe
 from trigpoint.runtime.keys import find_identity
-from trigpoint.runtime.newcomer import Newcomer, join
+from trigpoint.runtime.newcomer import Newcomer, join, leave
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_all
 from trigpoint.runtime.topics import written
 
@@ -54,6 +55,23 @@ def joined(wish: Joining, *, as_json: bool) -> int:
     for one, file in zip(grown, places, strict=True):
         screen.print(f"{one.name}: {file}   (send its process SIGHUP)")
     screen.print(f"{own.name}: trigpoint node {place}")
+    return HOLDS
+
+
+def left(name: str, beside: Sequence[Path], out: Path | None, *, as_json: bool) -> int:
+    """Write the neighbours' files without the node ``name``, all or none."""
+    shrunk = leave(name, [read_settings(file) for file in beside])
+    places = [file if out is None else out / file.name for file in beside]
+    if len(set(places)) < len(places):
+        raise ArgumentError("two of the files would have one name in --out; give them other names")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    write_all(list(zip(shrunk, places, strict=True)))
+    if as_json:
+        emit({"neighbours": {one.name: str(place) for one, place in zip(shrunk, places, strict=True)}})
+        return HOLDS
+    for one, place in zip(shrunk, places, strict=True):
+        console().print(f"{one.name}: {place}   (send its process SIGHUP)")
     return HOLDS
 
 

@@ -15,16 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from trigpoint.arrays import FloatArray
 from trigpoint.cli.recorded import Player, Record
+from trigpoint.cli.recorder import Recorder
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.observers import AssembledObserver, Run
 from trigpoint.observers.aged import aged_decay_rate, aged_error_norms
 from trigpoint.runtime.__main__ import plant_transport
 from trigpoint.runtime.access import guest_rules
+from trigpoint.runtime.arrivals import Arrivals, opener
 from trigpoint.runtime.clock import SystemClock, new_epoch
 from trigpoint.runtime.codec import Kind
 from trigpoint.runtime.log import LogWriter
+from trigpoint.runtime.log_format import JOINED
 from trigpoint.runtime.monitor import Monitor, Snapshot
 from trigpoint.runtime.plan import LivePlan
 from trigpoint.runtime.sensors import ReadingPublisher
@@ -33,8 +35,8 @@ from trigpoint.runtime.zenoh_link import ZenohTransport
 
 _TICK = 0.02
 _TICK_A_NODE = 5e-4  # a snapshot moves the truth of every node: with many nodes the monitor would do little else
-_SAMPLE, _MOST_SAMPLES = 0.05, 4000
 _MOST_STEPS = 20_000  # exchanges that a prediction follows
+_TOLD = ("decay_rate_predicted", "decay_rate_expected", "message_age", "reading_age")  # to the log, at the end
 _DURATION = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(ms|s|min|h)")
 _UNITS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -50,44 +52,6 @@ def seconds_of(text: str) -> float:
     return value
 
 
-class Recorder:
-    """Samples of a run: every node's truth and estimate, from the first moment that all were known.
-
-    Twice the time between samples is taken, and every other sample forgotten, whenever ``most`` are reached.
-    """
-
-    def __init__(self, names: tuple[str, ...], every: float = _SAMPLE, most: int = _MOST_SAMPLES) -> None:
-        self._names, self._every, self._most = names, every, most
-        self._rows: list[tuple[float, FloatArray, FloatArray]] = []
-        self._due = 0.0
-
-    def take(self, snapshot: Snapshot) -> None:
-        """Keep ``snapshot`` if it is time and everything is known."""
-        if snapshot.time < self._due or any(value is None for value in (*snapshot.estimate, *snapshot.truth)):
-            return
-        self._due = snapshot.time + self._every
-        self._rows.append((snapshot.time, _table(snapshot.truth), _table(snapshot.estimate)))
-        if len(self._rows) >= self._most:
-            self._rows, self._every = self._rows[::2], 2.0 * self._every
-
-    def run(self) -> Run | None:
-        """The samples as a ``Run``; None where there are none."""
-        if not self._rows:
-            return None
-        times, truth, estimate = (np.array(column) for column in zip(*self._rows, strict=True))
-        shape = truth.shape[:2]
-        sent, status = np.zeros(shape, dtype=np.int64), np.full(shape, "anchored")
-        return Run(times, truth, estimate, sent, status, self._names, "live")
-
-
-def _table(rows: tuple[FloatArray | None, ...]) -> FloatArray:
-    known = [row for row in rows if row is not None]
-    table = np.zeros((len(known), max(row.shape[0] for row in known)))
-    for k, row in enumerate(known):
-        table[k, : row.shape[0]] = row
-    return table
-
-
 @dataclass(eq=False)
 class LiveRun:
     """Everything that belongs to one run in this process.
@@ -96,14 +60,17 @@ class LiveRun:
         plan: what runs.
         log: where every frame goes, or None.
         player: publishes recorded readings, where there is no plant.
+        observer: the programs, for the rates that the log is told at the end; None: it is not told.
     """
 
     plan: LivePlan
     log: LogWriter | None
     player: Player | None = None
+    observer: AssembledObserver | None = None
     clock: SystemClock = field(default_factory=SystemClock)
     trouble: str | None = None
     closing: bool = False
+    rates: dict[str, float | None] | None = None
 
     def __post_init__(self) -> None:
         """Open the links; nothing runs yet."""
@@ -119,6 +86,8 @@ class LiveRun:
         programs = [node.program for node in plan.nodes]
         self.monitor = Monitor(self.transport, plan.network, programs, self.clock, plan.motions)
         self.supervisor = Supervisor(plan, self.clock, self.transport)
+        link = opener("supervisor", plan.identity)
+        self.arrivals = Arrivals(plan.settings_folder, plan.nodes, self.monitor, link)
         self.recorder = Recorder(plan.names)
         self._told = 0
         if self.log is not None:
@@ -158,12 +127,13 @@ class LiveRun:
 
     def heard(self) -> bool:
         """Whether an estimate of every node was heard within the last second."""
-        return bool((self.monitor.snapshot().age < 1.0).all())
+        return bool((self.monitor.snapshot().age[: len(self.plan.nodes)] < 1.0).all())
 
     def step(self) -> None:
         """Take in what has arrived and look after the processes."""
         self.monitor.poll()
         self.supervisor.tick()
+        self._welcome()
         self._log_events()
 
     def close(self) -> None:
@@ -175,11 +145,36 @@ class LiveRun:
         self.monitor.poll()
         self._log_events()
         self.transport.close()
+        self.arrivals.close()
         if self.log is not None:
             try:
+                self._tell_rates(self.log)
                 self.log.close()
             except FileFormatError as error:
                 self.trouble = self.trouble or str(error)
+
+    def _tell_rates(self, log: LogWriter) -> None:
+        """What only the end knows: the rates for the ages that messages and readings had."""
+        if self.observer is not None and log.failure is None and self.rates is None:
+            self.rates = rates_of(self, self.recorder.run(), self.observer)
+            log.tell({name: self.rates[name] for name in _TOLD if self.rates[name] is not None})
+
+    def _welcome(self) -> None:
+        """Nodes that joined since the last look: the log gets their names and links."""
+        arrivals, now = self.arrivals, self.clock.now()
+        fresh = arrivals.look(now)
+        self.supervisor.events += [(now, self.plan.watcher, text) for text in arrivals.failures]
+        arrivals.failures.clear()
+        if not fresh:
+            return
+        self.supervisor.joined = [node.name for node in arrivals.joined]
+        self.supervisor.events += [(now, node.name, "joined the run") for node in fresh]
+        if self.log is None or self.trouble is not None:
+            return
+        try:
+            self.log.tell({JOINED: self.supervisor.joined, "hears": arrivals.hears, "anchors": arrivals.anchors})
+        except FileFormatError as error:
+            self.trouble = str(error)
 
     def _write(self, frame: Any, received: float) -> None:
         """A log that fails ends the logging, not the run."""
@@ -230,7 +225,9 @@ def ended_by_signals() -> Iterator[threading.Event]:
 
 def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict[str, Any]:
     """The JSON object of ``run``."""
-    plan, statuses = live.plan, [status for status in last.status if status is not None]
+    plan = live.plan
+    heard = last.age[: len(plan.names)]  # of the run's own nodes: nobody here started those that joined it
+    statuses = [status for status in last.status[: len(plan.names)] if status is not None]
     run = live.recorder.run()
     usage = live.supervisor.usage()
     lasted = max(last.time, 1e-9)
@@ -242,16 +239,17 @@ def facts_of(live: LiveRun, last: Snapshot, observer: AssembledObserver) -> dict
         "processes": len(plan.groups),
         "rate": 1.0 / plan.nodes[0].period,
         "seconds": last.time,
-        **rates_of(live, run, observer),
+        **(live.rates or rates_of(live, run, observer)),
         "decay_rate": plan.nodes[0].decay_rate,
         "initial_error": None if norms is None else float(norms[0]),
         "final_error": None if norms is None else float(norms[-1]),
         "relative_error": None if norms is None or not size else float(norms[-1]) / size,
-        "heard": int(np.isfinite(last.age).sum()),
+        "heard": int(np.isfinite(heard).sum()),
         "anchored": sum(status.anchored for status in statuses),
         "covered": sum(status.covered for status in statuses),
         "dead": list(live.supervisor.dead_before_the_end),
-        "silent": [name for name, age in zip(plan.names, last.age, strict=True) if not age < limit],
+        "silent": [name for name, age in zip(plan.names, heard, strict=True) if not age < limit],
+        "joined": live.supervisor.joined,
         "restarts": live.supervisor.restarts,
         "acts": sum(status.acts for status in statuses),
         "missed": sum(status.missed for status in statuses),

@@ -21,9 +21,10 @@ from trigpoint.observers.network import NetworkObserver
 from trigpoint.runtime.endpoints import require_safe
 from trigpoint.runtime.keys import find_identity, make_keys
 from trigpoint.runtime.plan import LivePlan, free_addresses, linked
-from trigpoint.runtime.plant import Instrument, Part, PlantSettings
+from trigpoint.runtime.plant import PlantSettings
 from trigpoint.runtime.settings import Identity, NodeSettings
 from trigpoint.runtime.topics import written
+from trigpoint.runtime.truth import Instrument, Part
 from trigpoint.runtime.viewer import Viewer
 from trigpoint.simulation import Scenario
 from trigpoint.simulation.world import World, start_of, truth_of
@@ -112,7 +113,7 @@ def plan_of(design: Design, section: RunSection, places: Places) -> LivePlan:
     network = design.given.path.stem
     identities = _identities(section, places.folder, names, guests, viewer)
     addresses = free_addresses(section.transport, names, places.sockets, section.addresses)
-    watching = free_addresses(section.transport, [watcher, viewer], places.sockets / "watch")
+    watching = free_addresses(section.transport, [watcher, plant], places.sockets / "watch")
     for name, address in (*addresses.items(), (watcher, watching[watcher])):
         require_safe(address, identities.get(name), allow_plain=places.allow_plain)
     starts, spread = _starts(observer, world, scenario, truth)
@@ -139,11 +140,13 @@ def plan_of(design: Design, section: RunSection, places: Places) -> LivePlan:
         *_plant_parts(world, scenario, truth, period),
         _shows(world, names),
         scenario.seed,
-        peers={**addresses, **watching},
+        peers={**addresses, watcher: watching[watcher]},
+        listen=watching[plant],
+        guests={viewer: "monitor"},
         identity=identities.get(plant),
     )
     motions = {name: settings.parts[part].A for name, part in settings.shows}
-    outside = Viewer(network, viewer, watching[viewer], plant, motions, identities.get(viewer))
+    outside = Viewer(network, viewer, plant, watching[plant], motions, identities.get(viewer))
     return LivePlan(
         network, linked(nodes, addresses), settings, places.folder, watcher, watching[watcher], identities.get(watcher),
         section.agents_per_process, motions, plant, outside,

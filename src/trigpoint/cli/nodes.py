@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from trigpoint.cli.joining import Joining, joined
+from trigpoint.cli.joining import Joining, joined, left
 from trigpoint.cli.shell import HOLDS, Json, guarded, notice
 from trigpoint.errors import ArgumentError
 from trigpoint.runtime.__main__ import run_nodes
@@ -16,6 +16,7 @@ from trigpoint.runtime.endpoints import is_local, parse_address, require_safe
 from trigpoint.runtime.newcomer import Newcomer
 from trigpoint.runtime.settings import NodeSettings, read_settings
 
+_BOTH = ("--beside", "--out", "--json")
 Plain = Annotated[bool, typer.Option("--allow-plain", help="Allow plain text on addresses beyond this machine.")]
 
 
@@ -28,7 +29,11 @@ def node_command(
     peer: Annotated[list[str] | None, typer.Option("--peer", help="NAME=ADDRESS of a neighbour to connect to.")] = None,
     allow_plain: Plain = False,
     new: Annotated[str | None, typer.Option("--new", help="Run nothing: write the files of a new node.")] = None,
-    beside: Annotated[list[Path] | None, typer.Option("--beside", help="New: the file of a neighbour.")] = None,
+    gone: Annotated[
+        str | None,
+        typer.Option("--gone", help="Run nothing: write files without a node that left for good."),
+    ] = None,
+    beside: Annotated[list[Path] | None, typer.Option("--beside", help="New, gone: the file of a neighbour.")] = None,
     label: Annotated[
         list[int] | None, typer.Option("--label", help="New: number of the reading to each neighbour, in order.")
     ] = None,
@@ -47,7 +52,7 @@ def node_command(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="New: folder for the files; if absent, the neighbours' are replaced."),
+        typer.Option("--out", help="New, gone: folder for the files; if absent, the neighbours' are replaced."),
     ] = None,
     as_json: Json = False,
 ) -> int:
@@ -56,20 +61,28 @@ def node_command(
     The node finds its neighbours at the addresses in its settings; --listen and --peer replace them.
 
     With --new NAME a node joins a network that runs, whose gain serves every network of its nodes: its file and its
-    neighbours' new ones are written, from the neighbours' files alone. SIGHUP makes the neighbours take theirs.
+    neighbours' new ones are written, from the neighbours' files alone. SIGHUP makes the neighbours take theirs. With
+    --gone NAME the neighbours' files are written without a node that left for good.
     """
+    if new is not None and gone is not None:
+        raise ArgumentError("--new and --gone are two things: give one of them")
     if new is not None:
         if files or peer or listen is None:
             raise ArgumentError("--new needs --listen ADDRESS, and takes no files and no --peer: it runs nothing")
         newcomer = Newcomer(new, listen, tuple(label or ()), anchor_label, deviation, sensor, nodes)
         return joined(Joining(newcomer, tuple(beside or ()), keys, out, allow_plain), as_json=as_json)
+    if gone is not None:
+        news = label, anchor_label, deviation, sensor, nodes, keys
+        if files or peer or listen is not None or any(one is not None for one in news):
+            raise ArgumentError("--gone takes --beside, --out and --json only: it runs nothing")
+        return left(gone, beside or [], out, as_json=as_json)
     options = {
         "--beside": beside, "--label": label, "--anchor-label": anchor_label, "--deviation": deviation,
         "--sensor": sensor, "--nodes": nodes, "--keys": keys, "--out": out, "--json": as_json or None,
     }  # fmt: skip
     given = [name for name, value in options.items() if value is not None]
     if given:
-        raise ArgumentError(f"{given[0]} belongs to --new NAME")
+        raise ArgumentError(f"{given[0]} belongs to --new NAME" + (" or --gone NAME" if given[0] in _BOTH else ""))
     if not files:
         raise ArgumentError("name the settings of a node (run --prepare writes them), or a new one with --new NAME")
     run_nodes([_changed(file, listen, peer or [], len(files), allow_plain=allow_plain) for file in files], tied=False)

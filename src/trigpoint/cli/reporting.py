@@ -100,7 +100,13 @@ def drawn_network(network: Path, run: Run) -> tuple[MeasurementGraph, FloatArray
         if graph is not None and graph.names == run.names:
             places = None if measured is None else measured.positions
             return graph, places if places is not None and np.isfinite(places).all() else None
-    raise FileFormatError(network, "is not the network of this run: the node names differ")
+    came = list(run.attributes.get("joined", ()))
+    hint = (
+        f"; {', '.join(map(str, came[:5]))} joined it, whom no file of a network holds: leave --network out"
+        if came
+        else ""
+    )
+    raise FileFormatError(network, f"is not the network of this run: the node names differ{hint}")
 
 
 def _page(run: Run, title: str, graph: MeasurementGraph | None, places: FloatArray | None) -> Page:

@@ -90,6 +90,7 @@ def run_command(
         log = (file.parent if out is None else out) / "run.mcap"
         record = None if readings is None else _recorded(readings, speed, log, plan, designed)
         live = LiveRun(plan, None) if record is None else replayed(record, plan)
+        live.observer = designed.programs
         live.keep(log_of(plan, log))  # only now: where the links cannot be opened, no log is left behind
         with watched(live, port if watch else None), _shown(live, as_json) as show:
             last = live.follow(seconds, show)
@@ -176,15 +177,17 @@ def _shown(live: LiveRun, as_json: bool) -> Iterator[Any]:
 
 def _line(snapshot: Snapshot, live: LiveRun) -> str:
     statuses = [status for status in snapshot.status if status is not None]
-    error = float((snapshot.error**2).sum() ** 0.5)
+    own, joined = len(live.plan.nodes), len(live.supervisor.joined)
+    error = float((snapshot.error[:own] ** 2).sum() ** 0.5)
     known = "error of some nodes not known" if error != error else f"error {error:.4g}"
     missed = sum(status.missed for status in statuses)
     dead = len(live.supervisor.dead)
     alive = [status for status, age in zip(snapshot.status, snapshot.age, strict=True) if age < 1.0]
     anchored = sum(status is not None and status.anchored for status in alive)
+    came = f"   joined {joined}" if joined else ""
     return (
         f"{snapshot.time:7.1f} s   {known}   anchored {anchored} of {len(snapshot.names)}   "
-        f"dead {dead}   restarts {live.supervisor.restarts}   missed {missed}"
+        f"dead {dead}   restarts {live.supervisor.restarts}   missed {missed}{came}"
     )
 
 
@@ -204,6 +207,8 @@ def _summarize(facts: dict[str, Any], log: Path) -> None:
     if facts["readings"] is not None:
         table.add_row("recorded readings", str(facts["readings"]))
     table.add_row("anchored", f"{facts['anchored']} of {facts['nodes']} (guarantee covers {facts['covered']})")
+    if facts["joined"]:
+        table.add_row("joined meanwhile", ", ".join(facts["joined"]))
     table.add_row("restarts", f"{facts['restarts']}" + (f"; dead: {', '.join(facts['dead'])}" if facts["dead"] else ""))
     table.add_row("missed deadlines", f"{facts['missed']} of {facts['acts'] + facts['missed']}")
     table.add_row("a node takes", f"{100.0 * facts['cpu_per_node']:.2g} % of a core, {_number(facts['step_us'])} us a "

@@ -104,18 +104,21 @@ def _topology(
         raise PlacedError(
             _TOPOLOGY, "a topology switches a network's arcs; a shared plant has none: use outages of links"
         )
-    if section.changes:
-        return Topology.schedule(graph, [(one.time, one.arcs) for one in section.changes])
-    instants = whole.instants
-    if instants is None:
-        raise PlacedError(_TOPOLOGY, "a random topology, or one by radius, needs a horizon or times")
     if section.radius is not None:
+        end = _end_of(whole)
         if not isinstance(motion, Bouncing):
             raise PlacedError(_TOPOLOGY, "a topology by radius belongs to bouncing agents: add motion = {side = ...}")
-        return within_reach(motion, graph, section.radius, float(instants[-1]))
-    assert section.dwell is not None  # the section's own check
-    assert section.arrival is not None
-    return Topology.random(graph.n_arcs, section.dwell, section.arrival, float(instants[-1]), section.seed)
+        return within_reach(motion, graph, section.radius, end)
+    if section.drawn is not None:
+        return Topology.random(graph.n_arcs, *section.drawn, _end_of(whole), section.seed)
+    return Topology.schedule(graph, [(one.time, one.arcs) for one in section.changes])
+
+
+def _end_of(section: SimulateSection) -> float:
+    instants = section.instants
+    if instants is None:
+        raise PlacedError(_TOPOLOGY, "a random topology, or one by radius, needs a horizon or times")
+    return float(instants[-1])
 
 
 def _motion(section: MotionSection, path: Path, count: int, states: int) -> Trajectory | Bouncing:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,12 +17,15 @@ from trigpoint.cli.compose import estimating, kind_of, read
 from trigpoint.cli.live import LiveRun
 from trigpoint.cli.shell import HOLDS, Json, emit, guarded, notice
 from trigpoint.dashboard import DESIGNED, Event, LiveFeed, ReplayFeed, Scene, live_app, page_url, serve, serving
+from trigpoint.dashboard.told import places_beside
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.graphs import EXTERNAL, MeasurementGraph
 from trigpoint.io import load
 from trigpoint.observers.local import LocalObserver
 from trigpoint.observers.run import Run
 from trigpoint.runtime import Log, Monitor, NodeSettings, Snapshot, SystemClock, read_log, run_of
+from trigpoint.runtime.arrivals import Arrivals, opener
+from trigpoint.runtime.log_format import JOINED
 from trigpoint.runtime.viewer import VIEWER_FILE, nodes_in, read_viewer, running, view_transport
 
 _OVER = "The run is over."
@@ -70,12 +74,15 @@ def feed_of(file: Path, network: Path | None) -> ReplayFeed:
 
 def _of_log(log: Log, network: Path | None) -> ReplayFeed:
     title = f"{log.network} ({Path(log.path).name})"
+    joined = tuple(name for name in log.names if name in log.attributes.get(JOINED, ()))
     if network is not None:
-        scene = _scene(network, log.names, title)
+        scene = _scene(network, log.names[: len(log.names) - len(joined)], title)
     elif "hears" in log.attributes:
-        scene = Scene(links_of(log.names, log.attributes["hears"], log.attributes.get("anchors", ())), title)
+        scene = Scene(_links_in(log), title)
     else:
         raise ArgumentError(f"{log.path} does not tell its links: name its network, too")
+    if joined:
+        scene = _with_newcomers(scene, log, joined)
     run = run_of(log)
     start = float(run.attributes.get("start", 0.0))
     uncertainty, age = _told(log, run.times + start)
@@ -90,6 +97,21 @@ def _of_log(log: Log, network: Path | None) -> ReplayFeed:
         events=events,
         stale=2.0 * stale if isinstance(stale, float) and stale > 0.0 else None,
     )
+
+
+def _links_in(log: Log) -> MeasurementGraph:
+    return links_of(log.names, log.attributes.get("hears", {}), log.attributes.get("anchors", ()))
+
+
+def _with_newcomers(scene: Scene, log: Log, joined: tuple[str, ...]) -> Scene:
+    """The ``scene`` of the run's own nodes, and what the log says of those that came later."""
+    known, graph = len(log.names) - len(joined), _links_in(log)
+    if scene.graph.n_nodes == known:
+        new = (graph.tail >= known) | (graph.head >= known)
+        arcs = np.append(scene.graph.tail, graph.tail[new]), np.append(scene.graph.head, graph.head[new])
+        graph = MeasurementGraph(len(log.names), *arcs, names=log.names)
+    places = None if scene.positions is None else places_beside(np.asarray(scene.positions, dtype=np.float64), graph)
+    return replace(scene, graph=graph, positions=places, joined=tuple(range(known, len(log.names))))
 
 
 def _told(log: Log, times: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -149,12 +171,16 @@ def attached(folder: Path) -> Iterator[LiveFeed]:
     transport = view_transport(viewer, nodes)
     programs = [node.program for node in nodes]
     monitor = Monitor(transport, viewer.network, programs, SystemClock(), viewer.motions)
-    looked = 0.0
+    arrivals = Arrivals((folder / VIEWER_FILE).parent, nodes, monitor, opener("monitor", viewer.identity))
+    looked, welcome = 0.0, _Welcome(arrivals, nodes)
 
     def snapshot() -> Snapshot:
         nonlocal looked  # when the status was read
         monitor.poll()
+        arrivals.look(time.monotonic())
         found = monitor.snapshot()
+        for name in welcome.into(feed, found.names):
+            feed.note(f"{name}: joined the run", found.names.index(name))
         if found.time - looked >= _LOOK:
             looked = found.time
             if feed.ended is None and not running(folder):
@@ -165,12 +191,35 @@ def attached(folder: Path) -> Iterator[LiveFeed]:
     try:
         yield feed
     finally:
+        arrivals.close()
         transport.close()
+
+
+class _Welcome:
+    """Makes room on a page for nodes that join the run of these ``nodes``."""
+
+    def __init__(self, arrivals: Arrivals, nodes: Sequence[NodeSettings]) -> None:
+        self._arrivals, self._settings, self._known = arrivals, nodes[0], len(nodes)
+        self._shown = len(nodes)
+
+    def into(self, feed: LiveFeed, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Extend the ``feed`` where the snapshot at hand has more ``names`` than the last one; the new ones."""
+        fresh = names[self._shown :]
+        if fresh:
+            self._shown = len(names)
+            links = links_of(names, self._arrivals.hears, self._arrivals.anchors)
+            joined = tuple(range(self._known, len(names)))
+            feed.extend(replace(_scene_of(links, self._settings), joined=joined))
+        return fresh
 
 
 def _live_scene(programs: Sequence[LocalObserver], settings: NodeSettings) -> Scene:
     names = [program.name for program in programs]
     links = links_of(names, {program.name: program.hears for program in programs}, anchored_by(programs))
+    return _scene_of(links, settings)
+
+
+def _scene_of(links: MeasurementGraph, settings: NodeSettings) -> Scene:
     return Scene(links, settings.network, rate=settings.decay_rate or None, rate_name=DESIGNED)
 
 
@@ -185,18 +234,20 @@ def watched(live: LiveRun, port: int | None) -> Iterator[None]:
         yield
         return
     programs, settings = [node.program for node in live.plan.nodes], live.plan.nodes[0]
-    index = {name: k for k, name in enumerate(live.plan.names)}
-    told = 0
+    told, welcome = 0, _Welcome(live.arrivals, live.plan.nodes)
 
     def snapshot() -> Snapshot:
         nonlocal told  # how many of the supervisor's events the page knows
+        found = live.monitor.snapshot()
+        welcome.into(feed, found.names)
+        index = {name: k for k, name in enumerate(found.names)}
         events = live.supervisor.events
         for _, node, text in events[told:]:
             feed.note(f"{node}: {text}", index.get(node))
         told = len(events)
         if live.closing and feed.ended is None:  # what comes now is the nodes' going, not the run
             feed.end(_OVER)
-        return live.monitor.snapshot()
+        return found
 
     feed = LiveFeed(snapshot, _live_scene(programs, settings), live.supervisor, stale=_silent_after(settings))
     with serving(live_app(feed), port) as address:

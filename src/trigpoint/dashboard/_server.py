@@ -114,6 +114,7 @@ class _Visit:
     heard_events: int = 0
     chosen: int | None = None
     told: tuple[bool, float] | None = None
+    edition: int = -1
     orders: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -121,7 +122,6 @@ class _Visit:
 
     async def stream(self) -> None:
         """Send the topology, then whatever is new, until the page goes away or nothing more will come."""
-        await self._json(self.feed.topology())
         clock = asyncio.get_running_loop().time
         before = clock()
         while True:
@@ -139,6 +139,9 @@ class _Visit:
                 await self._obey(decode_command(text))
 
     async def _tell(self) -> None:
+        if self.feed.edition != self.edition:
+            self.edition = self.feed.edition
+            await self._json(self.feed.topology())
         if self.view.index != self.shown:
             self.shown = self.view.index
             await self.websocket.send_bytes(self.feed.frame(self.shown))

@@ -73,6 +73,11 @@ class Feed(Protocol):
         ...
 
     @property
+    def edition(self) -> int:
+        """How often the network has grown; with another number the topology is another one."""
+        ...
+
+    @property
     def ended(self) -> str | None:
         """Why nothing more will come, once it is so."""
         ...

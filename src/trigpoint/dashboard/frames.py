@@ -1,9 +1,10 @@
-"""What travels to the page: one JSON topology message, binary frames, and JSON for what is asked for.
+"""What travels to the page: a JSON topology message, binary frames, and JSON for what is asked for.
 
-Topology message (JSON text, once)::
+Topology message (JSON text, first, and again before the frames of a live network that has grown)::
 
     {"type": "topology", "version": 2, "mode": "replay" or "live", "title": text, "unit": text or "",
-     "names": [N], "x": [N], "y": [N], "arcs": [[i, j], ...] (M pairs), "anchored": [nodes with an external arc],
+     "names": [N], "joined": [nodes that came while the run went on], "x": [N], "y": [N],
+     "arcs": [[i, j], ...] (M pairs), "anchored": [nodes with an external arc],
      "rate": decay rate to draw, 1/s, or null, "rate_name": what it is, "stale": seconds or null,
      "states": [text of each state code],
      "colours": of error, uncertainty, state, age those that the source knows, "links": of loss, age those,
@@ -72,6 +73,7 @@ class Scene:
         rate: decay rate, 1/s, drawn beside the error; None for none.
         unit: unit of the state, for the legends; empty where there is none or it is mixed.
         rate_name: what ``rate`` is.
+        joined: nodes that came while the run went on; they have no place in ``positions``.
     """
 
     graph: MeasurementGraph
@@ -80,6 +82,7 @@ class Scene:
     rate: float | None = None
     unit: str = ""
     rate_name: str = "guaranteed rate"
+    joined: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +176,7 @@ def topology_message(scene: Scene, names: tuple[str, ...], **known: Any) -> dict
         "title": scene.title,
         "unit": scene.unit,
         "names": list(names),
+        "joined": list(scene.joined),
         "x": places[:, 0].tolist(),
         "y": places[:, 1].tolist(),
         "arcs": arc_pairs(graph)[0].tolist(),

@@ -31,9 +31,22 @@ class History:
         samples = min(_MOST_SAMPLES, max(_FEWEST_SAMPLES, budget // row.itemsize))
         self._rows: NDArray[Any] = np.empty(samples - samples % 2, dtype=row)
         self.states = states
+        self._nodes = nodes
         self._count = 0
         self._stride = 1
         self._seen = 0
+
+    def grown(self, nodes: int) -> History:
+        """The same samples with room for this many ``nodes``; of the new ones nothing is known."""
+        found, count, before = History(nodes, self.states, 0), self._count, self._nodes
+        found._rows = np.empty(self.capacity, dtype=found._rows.dtype)
+        found._count, found._stride, found._seen = count, self._stride, self._seen
+        for name in ("time", "norm"):
+            found._rows[name][:count] = self._rows[name][:count]
+        for name in ("estimate", "truth", "error", "uncertainty"):
+            found._rows[name][:count] = np.nan
+            found._rows[name][:count, :before] = self._rows[name][:count]
+        return found
 
     @property
     def capacity(self) -> int:

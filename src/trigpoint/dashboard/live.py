@@ -6,7 +6,7 @@ import asyncio
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,22 +30,16 @@ from trigpoint.dashboard.frames import (
 )
 from trigpoint.dashboard.history import History
 from trigpoint.dashboard.links import LinkBook
+from trigpoint.dashboard.told import facts_of, link_of, norm_of, nothing_said, places_beside, table_of, values_of
 from trigpoint.errors import ArgumentError, ProtocolError, ShapeError, TrigpointError
 from trigpoint.graphs.layout import arc_pairs
 
 if TYPE_CHECKING:
-    from trigpoint.runtime import Controls, LinkStatus, NodeStatus, Snapshot
+    from trigpoint.runtime import Controls, NodeStatus, Snapshot
 
 _MOST_EVENTS = 500
 _TRAFFIC_SPAN = 2.0
 _BETWEEN_STATUSES, _LONGEST_BETWEEN = 2.5, 10.0  # s; as long as only one was heard, and at most
-_SAID = np.dtype(
-    [
-        ("known", "?"), ("anchored", "?"), ("covered", "?"), ("paused", "?"),
-        ("uncertainty", "f8"), ("missed", "f8"), ("rejected", "f8"),
-    ]
-)  # fmt: skip
-"""What the drawing needs of each node's last status."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,14 +101,13 @@ class LiveFeed:
         self.controls = controls
         self.ended: str | None = None
         self.period = period
-        self.count = 0
+        self.count = self.edition = 0
         self._source, self._scene, self._stale, self._memory = source, scene, stale, memory
         pairs = arc_pairs(scene.graph)[0].tolist()
         self._links = LinkBook(pairs, self.names)
         n = len(self.names)
         self._status: list[NodeStatus | None] = [None] * n
-        self._said = np.zeros(n, dtype=_SAID)
-        self._said["uncertainty"] = np.nan
+        self._said = nothing_said(n)
         self._said_at, self._said_every = np.full(n, -np.inf), np.full(n, _BETWEEN_STATUSES)
         self._met = np.zeros(n, dtype=bool)
         self._paused: set[int] = set()
@@ -126,17 +119,8 @@ class LiveFeed:
         self._history: History | None = None
         self._snapshot: Snapshot | None = None
         self._moment = self._empty(n, len(pairs))
-        self._topology = topology_message(
-            scene,
-            self.names,
-            mode="live",
-            colours=["error", "uncertainty", "state", "age"],
-            links=["loss", "age"],
-            controls=[] if controls is None else list(ORDERS),
-            times=[],
-            error_range=None,
-            stale=stale,
-        )
+        self._topology = self._told()
+        self._larger: Scene | None = None
 
     # -- taking in ---------------------------------------------------------------------------------------------------
 
@@ -159,7 +143,7 @@ class LiveFeed:
     def absorb(self, snapshot: Snapshot) -> None:
         """Make ``snapshot`` the latest frame and keep it in the history; other names are a ``ShapeError``."""
         if snapshot.names != self.names:
-            raise ShapeError(f"the snapshot has {len(snapshot.names)} nodes that are not the {len(self.names)} watched")
+            self._grow(snapshot.names)
         for node, status in enumerate(snapshot.status):
             before = self._status[node]
             if status is None or status is before:
@@ -181,6 +165,31 @@ class LiveFeed:
         self.count += 1
         self._moment = self._drawn(snapshot, states)
         self._remember(snapshot)
+
+    def extend(self, scene: Scene) -> None:
+        """Take the next snapshot with more names for one of this ``scene``: nodes have joined, and come last."""
+        self._larger = scene
+
+    def _grow(self, names: tuple[str, ...]) -> None:
+        known, scene = len(self.names), self._larger
+        if scene is None or names != scene.graph.names or names[:known] != self.names:
+            raise ShapeError(f"the snapshot has {len(names)} nodes that are not the {known} watched")
+        places = np.column_stack([self._topology["x"], self._topology["y"]])
+        more = len(names) - known
+        self._scene = replace(scene, positions=places_beside(places, scene.graph))
+        self.names, self.edition = names, self.edition + 1
+        self._links = LinkBook(arc_pairs(scene.graph)[0].tolist(), names)
+        for node, status in enumerate(self._status):
+            self._links.update(node, () if status is None else status.links)
+        self._traffic.clear()  # the new book counts from the nodes' own counters on
+        self._status += [None] * more
+        self._said = np.concatenate([self._said, nothing_said(more)])
+        self._said_at = np.append(self._said_at, np.full(more, -np.inf))
+        self._said_every = np.append(self._said_every, np.full(more, _BETWEEN_STATUSES))
+        self._met = np.append(self._met, np.ones(more, dtype=bool))  # the norm does not wait for them
+        self._states = np.append(self._states, np.full(more, UNKNOWN))
+        self._history = None if self._history is None else self._history.grown(len(names))
+        self._topology = self._told()
 
     def ordered(self, order: str, node: int) -> None:
         """Take note that the page gave ``order`` to ``node``: a paused node is silent until its status tells why."""
@@ -227,16 +236,17 @@ class LiveFeed:
         self._check(node)
         snapshot, status = self._snapshot, self._status[node]
         known = snapshot is not None and not self._silent(snapshot)[node]
+        joined = [["joined the run while it went on", "yes"]] if node in self._scene.joined else []
         return {
             "type": "node",
             "node": node,
             "time": self._moment.time,
-            "estimate": _values(snapshot.estimate[node]) if snapshot is not None and known else [],
-            "truth": [] if snapshot is None else _values(snapshot.truth[node]),
+            "estimate": values_of(snapshot.estimate[node]) if snapshot is not None and known else [],
+            "truth": [] if snapshot is None else values_of(snapshot.truth[node]),
             "error": number_or_null(float(self._moment.error[node])),
             "uncertainty": number_or_null(float(self._moment.uncertainty[node])),
-            "facts": [] if status is None else _facts(status),
-            "links": [] if status is None else [_link(link) for link in status.links],
+            "facts": [*joined, *([] if status is None else facts_of(status))],
+            "links": [] if status is None else [link_of(link) for link in status.links],
         }
 
     def events(self, after: int) -> tuple[int, Sequence[Event]]:
@@ -246,6 +256,19 @@ class LiveFeed:
             return self._event_count, list(self._events)[len(self._events) - fresh :]
 
     # -- inside ------------------------------------------------------------------------------------------------------
+
+    def _told(self) -> dict[str, Any]:
+        return topology_message(
+            self._scene,
+            self.names,
+            mode="live",
+            colours=["error", "uncertainty", "state", "age"],
+            links=["loss", "age"],
+            controls=[] if self.controls is None else list(ORDERS),
+            times=[],
+            error_range=None,
+            stale=self._stale,
+        )
 
     def _check(self, node: int) -> None:
         if not 0 <= node < len(self.names):
@@ -288,7 +311,7 @@ class LiveFeed:
         return Moment(
             index=self.count,
             time=snapshot.time,
-            norm=_norm(error) if self._met.all() else np.nan,  # else it would jump when the last ones join
+            norm=norm_of(error) if self._met.all() else np.nan,  # else it would jump when the last ones join
             traffic=self._messages_a_second(snapshot.time),
             missed=float(said["missed"].sum()) if known else np.nan,
             rejected=float(said["rejected"].sum()) if known else np.nan,
@@ -317,8 +340,8 @@ class LiveFeed:
         self._history.append(
             time=moment.time,
             norm=moment.norm,
-            estimate=np.where(self._silent(snapshot)[:, None], np.nan, _table(snapshot.estimate, states)),
-            truth=_table(snapshot.truth, states),
+            estimate=np.where(self._silent(snapshot)[:, None], np.nan, table_of(snapshot.estimate, states)),
+            truth=table_of(snapshot.truth, states),
             error=moment.error,
             uncertainty=moment.uncertainty,
         )
@@ -329,46 +352,3 @@ class LiveFeed:
         state = np.full(nodes, float(UNKNOWN))
         age = np.full(nodes, np.inf)
         return Moment(0, 0.0, np.nan, np.nan, np.nan, np.nan, unknown, unknown, age, state, no_links, no_links)
-
-
-def _norm(error: FloatArray) -> float:
-    """Norm over the nodes whose error is known; NaN where none is."""
-    known = error[~np.isnan(error)]
-    return float(np.sqrt((known**2).sum())) if known.size else np.nan
-
-
-def _table(values: Sequence[FloatArray | None], states: int) -> FloatArray:
-    table = np.full((len(values), states), np.nan)
-    for row, value in zip(table, values, strict=True):
-        if value is not None:
-            row[: min(states, value.shape[0])] = value[:states]
-    return table
-
-
-def _values(value: FloatArray | None) -> list[float | None]:
-    return [] if value is None else or_null(np.asarray(value, dtype=np.float64))
-
-
-def _facts(status: NodeStatus) -> list[list[Any]]:
-    facts: list[list[Any]] = [
-        ["hops to an anchor", status.hops],
-        ["guarantee covers its links", "yes" if status.covered else "no"],
-        ["norm of innovations", number_or_null(status.innovation)],
-        ["acts", status.acts],
-        ["deadlines missed", status.missed],
-        ["an act takes, µs", number_or_null(status.step_us)],
-        ["frames rejected", status.counters.dropped],
-    ]
-    return facts if status.warning is None else [*facts, ["warning", status.warning]]
-
-
-def _link(link: LinkStatus) -> dict[str, Any]:
-    return {
-        "neighbour": link.neighbour,
-        "state": link.state.name.lower(),
-        "age": link.age,
-        "received": link.received,
-        "lost": link.lost,
-        "round_trip": link.round_trip,
-        "offset": link.offset,
-    }

@@ -54,6 +54,7 @@ class ReplayFeed:
 
     controls: Controls | None = None
     ended: str | None = None
+    edition = 0
 
     def __init__(
         self,

@@ -77,6 +77,11 @@ class TopologySection(Section):
             raise ValueError("expected either dwell and arrival, or changes, or a radius")
         return self
 
+    @property
+    def drawn(self) -> tuple[float, float] | None:
+        """``dwell`` and ``arrival`` of a random topology; None for another one."""
+        return None if self.dwell is None or self.arrival is None else (self.dwell, self.arrival)
+
 
 class AbsenceSection(Section):
     """One of the ``absences``: ``node`` (its name) is away from ``start`` to ``stop`` (s; for good without)."""

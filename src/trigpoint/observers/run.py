@@ -73,7 +73,8 @@ class Run:
     def error_norm(self) -> FloatArray:
         """(T,) Euclidean norm of the whole network's error; nodes that are away do not count.
 
-        NaN at a sample where the truth of a node that is not away is unknown.
+        Nor do nodes whose truth is known at no sample, where that of others is (who joined a live run with a sensor of
+        its own). NaN at a sample where the truth of another node that is not away is unknown.
         """
         with np.errstate(over="ignore"):  # a run that diverged has an infinite norm
             norm: FloatArray = np.sqrt((self._present_error**2).sum(axis=(1, 2)))
@@ -81,7 +82,9 @@ class Run:
 
     @property
     def _present_error(self) -> FloatArray:
-        return np.where((self.status == "away")[:, :, None], 0.0, self.error)
+        blind = np.isnan(self.truth).any(axis=2).all(axis=0)
+        left_out = (self.status == "away") | (blind & (not blind.all()))
+        return np.where(left_out[:, :, None], 0.0, self.error)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in _SERIES:

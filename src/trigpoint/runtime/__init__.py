@@ -19,16 +19,16 @@ from trigpoint.runtime.log_run import read_run, restarts, run_of
 from trigpoint.runtime.machine import GO, PAUSE, NodeMachine, Outgoing
 from trigpoint.runtime.memory import MemoryNetwork
 from trigpoint.runtime.monitor import Controls, Monitor, Snapshot
-from trigpoint.runtime.newcomer import Newcomer, join
+from trigpoint.runtime.newcomer import Newcomer, join, leave
 from trigpoint.runtime.plan import TRANSPORTS, LivePlan, free_addresses, linked
-from trigpoint.runtime.plant import Instrument, Part, PlantSettings, SimulatedPlant
-from trigpoint.runtime.plants import LinearPlant, Plant
+from trigpoint.runtime.plant import PlantSettings, SimulatedPlant
 from trigpoint.runtime.replay import read_readings
 from trigpoint.runtime.sensors import Pace, Reading, ReadingPublisher, publish_measured, replay_readings
 from trigpoint.runtime.settings import Identity, NodeSettings, read_settings, write_settings
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, LinkStatus, NodeStatus, node_status
 from trigpoint.runtime.supervisor import Supervisor, Usage
 from trigpoint.runtime.transport import BestEffort, Delivery, Reliable, Sink, Transport
+from trigpoint.runtime.truth import Instrument, LinearPlant, Part, Plant
 from trigpoint.runtime.virtual import SENSOR, Down, Mute, Trouble, run_virtual
 from trigpoint.runtime.zenoh_link import ZenohTransport, open_transport
 
@@ -101,6 +101,7 @@ __all__ = [
     "guest_rules",
     "is_local",
     "join",
+    "leave",
     "linked",
     "make_keys",
     "node_rules",

@@ -94,11 +94,11 @@ def run_plant(settings: PlantSettings, *, tied: bool) -> None:
 
 
 def plant_transport(settings: PlantSettings) -> Transport:
-    """The links of a plant: to the nodes of its ``settings``, and to whoever watches."""
+    """The links of a plant: to the nodes of its ``settings``, which hear readings, and to whoever watches."""
     rules = None
     if settings.identity is not None:
         shown = {name for name, _ in settings.shows}
-        roles = {name: "node" if name in shown else "supervisor" for name in settings.peers}
+        roles = {name: "node" if name in shown else "supervisor" for name in settings.peers} | dict(settings.guests)
         rules = guest_rules(settings.network, "sensor", roles)
     return ZenohTransport(settings.listen, list(settings.peers.values()), identity=settings.identity, rules=rules)
 

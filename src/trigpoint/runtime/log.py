@@ -44,7 +44,7 @@ class LogWriter:
         attributes: numbers and texts that describe the run. ``anchor_timeout`` [s] tells ``read_run`` how long an
             estimate counts as anchored after the last anchor reading that it heard of; ``hears`` (the names of each
             node's neighbours, in the order of ``program.hears``) names the links of a status; ``guaranteed_rate``
-            [1/s] is drawn in the report.
+            [1/s], or ``decay_rate_predicted`` [1/s] where the end of a run tells it, is drawn in the report.
 
     Raises:
         FileFormatError: the file cannot be written.
@@ -53,10 +53,7 @@ class LogWriter:
     """
 
     def __init__(self, path: str | Path, *, network: str, names: Sequence[str], attributes: Mapping[str, Any]) -> None:
-        try:
-            texts = {"names": _encode(list(names)), "attributes": _encode(dict(attributes))}
-        except (TypeError, ValueError) as error:
-            raise ArgumentError(f"names and attributes of a log must be plain numbers and texts; {error}") from error
+        texts = {"names": _plain(list(names)), "attributes": _plain(dict(attributes))}
         metadata = {"kind": LOG_KIND, "version": LOG_VERSION, "network": network, **texts}
         self._file = McapWriter(Path(path), SCHEMA_TEXTS, LABEL, metadata)
         self._hears = heard_by(attributes)
@@ -93,6 +90,18 @@ class LogWriter:
         """Log that something (``text``) happened at ``time`` [s] to ``node``, or to the run (None)."""
         message = {"time": float(time), "text": text, "node": node}
         self._add(EVENTS, "trigpoint.Event", message, 0, (time, time))
+
+    def tell(self, attributes: Mapping[str, Any]) -> None:
+        """Add to what describes the run; ``attributes`` that were told before are replaced.
+
+        Nodes that join while it goes on are named in ``joined``, all of them, and get the last places in the tables.
+
+        Raises:
+            FileFormatError: the disk refuses, or the log is closed.
+            ArgumentError: the attributes are no JSON.
+        """
+        self._file.describe({"attributes": _plain(dict(attributes))})
+        self._hears |= heard_by(attributes)
 
     def flush(self) -> None:
         """Bring all that was written to the disk now."""
@@ -132,6 +141,13 @@ class LogWriter:
         while not self._ended.wait(FLUSH_EVERY):
             with contextlib.suppress(FileFormatError):  # kept by the file; the next write and close say it
                 self._file.flush()
+
+
+def _plain(value: Any) -> str:
+    try:
+        return _encode(value)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(f"names and attributes of a log must be plain numbers and texts; {error}") from error
 
 
 def _nanoseconds(time: float) -> int:

@@ -13,6 +13,9 @@ from trigpoint.runtime.topics import written
 LABEL = "trigpoint"
 """Name of the metadata record that says what the file is."""
 
+JOINED = "joined"
+"""The attribute that names nodes which joined while the run went on."""
+
 LOG_KIND = "trigpoint/log"
 LOG_VERSION = "1"
 

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from trigpoint.arrays import FloatArray, IntArray
 from trigpoint.errors import FileFormatError, ProtocolError
 from trigpoint.runtime.codec import FACTS, Frame, Kind
-from trigpoint.runtime.log_format import LABEL, LOG_KIND, LOG_VERSION, decode_message, heard_by, values_of_status
+from trigpoint.runtime.log_format import (
+    JOINED,
+    LABEL,
+    LOG_KIND,
+    LOG_VERSION,
+    decode_message,
+    heard_by,
+    values_of_status,
+)
 from trigpoint.runtime.mcap_read import Channel, McapReader
 from trigpoint.runtime.status import LINK_FIELDS, STATUS_FIELDS, NodeStatus, node_status
 from trigpoint.runtime.topics import name_of
@@ -74,8 +82,8 @@ class Log:
     Attributes:
         path: the file.
         network: name of the network.
-        names: names of its nodes, in order.
-        attributes: what the writer said about the run.
+        names: names of its nodes, in order; those that joined while it went on come last.
+        attributes: what the writer said about the run, the last word of each.
         complete: True when the writer closed the file.
         damage: why it is not complete; empty when it is.
         estimates: by node.
@@ -244,8 +252,9 @@ def _event(message: Any) -> LogEvent:
 
 
 def _header(reader: McapReader) -> tuple[str, tuple[str, ...], dict[str, Any]]:
-    given = reader.metadata.get(LABEL)
-    if given is None or given.get("kind") != LOG_KIND:
+    """Network, names of the nodes and attributes: the first record says what the file is, later ones add to it."""
+    given, *later = reader.metadata.get(LABEL, [{}])
+    if given.get("kind") != LOG_KIND:
         lost = "" if reader.complete else f"; its head may be lost: {reader.damage}"
         raise FileFormatError(reader.path, f"is an MCAP file, but no log of a live run{lost}")
     if given.get("version") != LOG_VERSION:
@@ -253,9 +262,15 @@ def _header(reader: McapReader) -> tuple[str, tuple[str, ...], dict[str, Any]]:
             reader.path, f"is a log of version {given.get('version')!r}; this reads version {LOG_VERSION}"
         )
     try:
-        names, attributes = (decode_message(given.get(key, "").encode()) for key in ("names", "attributes"))
+        names = decode_message(given.get("names", "").encode())
+        attributes, *further = (decode_message(one.get("attributes", "").encode()) for one in (given, *later))
     except (ValueError, RecursionError) as error:
         raise FileFormatError(reader.path, f"its description is no JSON: {error}") from error
+    for more in further:
+        if isinstance(attributes, dict) and isinstance(more, dict):
+            attributes |= more
+    joined = attributes.get(JOINED, []) if isinstance(attributes, dict) else []
+    names = [*names, *joined] if isinstance(names, list) and isinstance(joined, list) else names
     texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
     if not texts or not isinstance(attributes, dict) or len(set(names)) != len(names):
         raise FileFormatError(reader.path, "its description must hold different names and an object of attributes")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from trigpoint.arrays import BoolArray, FloatArray, IntArray, as_floats, frozen
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.observers.run import Run
+from trigpoint.runtime.log_format import JOINED
 from trigpoint.runtime.log_read import Log, Series, read_log
 
 MOST_NUMBERS = 20_000_000
@@ -99,12 +100,14 @@ def run_of(log: Log, *, times: ArrayLike | None = None, away_after: float | None
 def first_known(run: Run) -> int | None:
     """Number of the first sample at which every node of ``run`` is known, or has been: its estimate, and its truth.
 
-    Nodes that never speak do not count, nor does the truth of a node that has none. None where nobody ever is known.
+    Nodes that never speak do not count, nor those of the attribute ``joined``, which came later, nor does the truth of
+    a node that has none. None where nobody ever is known.
     It decides where the run of a log and its report begin: before, an error would be that of part of the network.
     """
     truth = np.isfinite(run.truth).all(axis=2)
     known = (run.status != "away") & (truth | ~truth.any(axis=0))
-    ever = known.any(axis=0)
+    joined = run.attributes.get(JOINED, ())
+    ever = known.any(axis=0) & np.array([name not in joined for name in run.names], dtype=bool)
     return int(known[:, ever].argmax(axis=0).max()) if ever.any() else None
 
 

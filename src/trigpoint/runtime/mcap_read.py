@@ -36,7 +36,7 @@ class McapReader:
     """Reads the file at ``path`` once, from its beginning; one chunk is in memory at a time.
 
     After ``messages`` has ended, ``complete`` tells whether the file has its end, and ``damage`` why not. ``metadata``
-    is known as far as the reading has come.
+    are the records by name, in order, as far as the reading has come.
 
     Raises:
         FileFormatError: the file cannot be opened, or is no MCAP file.
@@ -49,7 +49,7 @@ class McapReader:
         except ImportError as error:
             raise MissingExtraError("mcap", "live", "reading a log") from error
         self.path = path
-        self.metadata: dict[str, Mapping[str, str]] = {}
+        self.metadata: dict[str, list[Mapping[str, str]]] = {}
         self.complete, self.damage = False, ""
         self._records, self._stream_of = records, data_stream.ReadDataStream
         # what the parsers of single records make of bytes that are none; UnicodeDecodeError is a ValueError
@@ -100,7 +100,7 @@ class McapReader:
             self._promised = self._parsed(self._records.Statistics.read, content).message_count
         elif opcode == _METADATA:
             record = self._parsed(self._records.Metadata.read, content)
-            self.metadata[record.name] = record.metadata
+            self.metadata.setdefault(record.name, []).append(record.metadata)
         else:
             self._describe(opcode, content)
 

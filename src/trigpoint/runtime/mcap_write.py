@@ -33,7 +33,7 @@ class McapWriter:
     Args:
         path: the file; what was there is replaced.
         schemas: JSON schema of each kind of message, as text, by name.
-        label: name of the metadata record.
+        label: name of the metadata records.
         metadata: texts that describe the file, written at once.
     """
 
@@ -60,11 +60,9 @@ class McapWriter:
         self._failure: str | None = None
         self._adding, self._writing = threading.Lock(), threading.Lock()
         self._descriptor = self._open()
-        head = self._bytes(records.Header(profile="", library="trigpoint"))
-        described = self._bytes(records.Metadata(name=label, metadata=dict(metadata)))
-        self._metadata_index = records.MetadataIndex(offset=8 + len(head), length=len(described), name=label)
-        with self._writing:
-            self._put(MAGIC + head + described)
+        self._label = label
+        self._metadata_indexes: list[Any] = []
+        self._describe(metadata, MAGIC + self._bytes(records.Header(profile="", library="trigpoint")))
 
     @property
     def failure(self) -> str | None:
@@ -97,6 +95,25 @@ class McapWriter:
         if full:
             self.flush()
         return True
+
+    def describe(self, metadata: Mapping[str, str]) -> None:
+        """Bring a further record of ``metadata`` to the disk, under the file's label, behind what was added so far.
+
+        Raises:
+            FileFormatError: the disk refuses, or the file is closed.
+        """
+        self._describe(metadata)
+
+    def _describe(self, metadata: Mapping[str, str], before: bytes = b"") -> None:
+        record = self._bytes(self._records.Metadata(name=self._label, metadata=dict(metadata)))
+        with self._writing:
+            self._check()
+            self._close_chunk()
+            place = self._position + len(before)
+            self._put(before + record)
+            self._metadata_indexes.append(
+                self._records.MetadataIndex(offset=place, length=len(record), name=self._label)
+            )
 
     def flush(self) -> None:
         """Close the chunk and bring it to the disk; a refusal is a ``FileFormatError``."""
@@ -209,7 +226,7 @@ class McapWriter:
             channel_message_counts=self._counts,
             chunk_count=self._chunks,
             message_count=count,
-            metadata_count=1,
+            metadata_count=len(self._metadata_indexes),
             message_start_time=self._first if count else 0,
             message_end_time=self._last,
             schema_count=len(self._told),
@@ -219,7 +236,7 @@ class McapWriter:
             (4, self._bytes(*self._channels.values())),
             (11, self._bytes(statistics)),
             (8, bytes(self._chunk_indexes)),
-            (13, self._bytes(self._metadata_index)),
+            (13, self._bytes(*self._metadata_indexes)),
         )
         data_end = self._bytes(records.DataEnd(data_section_crc=0))
         start = at = self._position + len(data_end)

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from trigpoint.arrays import FloatArray, frozen, transition_and_integral
-from trigpoint.errors import ProtocolError
+from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.observers.local import LocalObserver, LocalState
 from trigpoint.runtime.clock import Clock
 from trigpoint.runtime.codec import LARGEST_FRAME, Frame, Kind, decode_frame
@@ -148,7 +148,9 @@ class Monitor:
         motions: Mapping[str, FloatArray] | None = None,
     ) -> None:
         self._clock, self._began = clock, clock.now()
+        self._network = network
         self._programs = {program.name: program for program in programs}
+        self._hears: Mapping[str, tuple[str, ...]] = {program.name: program.hears for program in programs}
         self._places = _places(network, programs)
         self._buckets = {key: Bucket(_RATE) for key in self._places}
         self._motions = {} if motions is None else dict(motions)
@@ -176,6 +178,29 @@ class Monitor:
     def began(self) -> float:
         """When the run began, by the clock."""
         return self._began
+
+    def join(self, program: LocalObserver, transport: Transport, hears: Mapping[str, Sequence[str]]) -> None:
+        """Hear one more node, which gets the last place in snapshots; from the thread that polls.
+
+        Args:
+            program: what it runs.
+            transport: linked to it.
+            hears: by node, the neighbours that it hears now, newcomers last: names of the links of a status.
+
+        Raises:
+            ArgumentError: a node of this name is heard already.
+        """
+        if program.name in self._programs:
+            raise ArgumentError(f"a node {program.name!r} is heard already; names must differ")
+        places = _places(self._network, [program])
+        fresh = {key: place for key, place in places.items() if key not in self._places}
+        with self._lock:
+            self._places |= fresh
+            self._buckets |= {key: Bucket(_RATE) for key in fresh}
+            self._programs = {**self._programs, program.name: program}
+            self._hears = {**self._hears, **{name: tuple(others) for name, others in hears.items()}}
+        for pattern in watched(self._network):
+            transport.subscribe(pattern, self._sink)
 
     def _sink(self, key: str, data: bytes) -> None:
         data = data[: LARGEST_FRAME + 1]
@@ -256,8 +281,7 @@ class Monitor:
         if frame.kind is Kind.READING:
             self._readings[int(frame.fact("label"))] = frame.values
         elif frame.kind is Kind.STATUS:
-            hears = self._programs[frame.sender].hears
-            status = node_status(_without_newcomers(frame, len(hears)), hears)
+            status = _status_of(frame, self._hears[frame.sender], len(self._programs[frame.sender].hears))
             if _newer(frame, arrived, self._said):
                 self._statuses[frame.sender] = status
                 for link in status.links:
@@ -279,15 +303,16 @@ class Monitor:
         """What is known now."""
         now = self._clock.now()
         with self._lock:
-            rows = [self._row(name, program, now) for name, program in self._programs.items()]
-            statuses = tuple(self._statuses.get(name) for name in self._programs)
+            programs = self._programs
+            rows = [self._row(name, program, now) for name, program in programs.items()]
+            statuses = tuple(self._statuses.get(name) for name in programs)
         estimates, truths, ages = zip(*rows, strict=True)
         error = [
             np.nan if z is None or x is None or z.shape != x.shape else float(np.linalg.norm(z - x))
             for z, x in zip(estimates, truths, strict=True)
         ]
         return Snapshot(
-            now - self._began, self.names, estimates, truths, statuses, frozen(ages), frozen(error)
+            now - self._began, tuple(programs), estimates, truths, statuses, frozen(ages), frozen(error)
         )  # fmt: skip
 
     def _row(self, name: str, program: LocalObserver, now: float) -> tuple[FloatArray | None, FloatArray | None, float]:
@@ -316,10 +341,15 @@ def _newer(frame: Frame, arrived: float, known: dict[str, tuple[Frame, float]]) 
     return True
 
 
-def _without_newcomers(status: Frame, count: int) -> Frame:
-    """The ``status`` with its first ``count`` links: who joined a node since the monitor was made comes after them."""
+def _status_of(frame: Frame, hears: tuple[str, ...], least: int) -> NodeStatus:
+    """What the status ``frame`` of a node says that ``hears`` these: ``least`` from the start, newcomers after them.
+
+    It has fewer links than ``hears`` as long as the node has not read its new settings, and more when somebody joined
+    it of whom the monitor does not know: those are left out.
+    """
     fixed, each = len(STATUS_FIELDS), len(LINK_FIELDS)
-    further = status.values.shape[0] - fixed - count * each
-    if further <= 0 or further % each:
-        return status
-    return replace(status, values=status.values[:-further])
+    count, odd = divmod(frame.values.shape[0] - fixed, each)
+    if odd or count < least:
+        return node_status(frame, hears)  # which refuses it
+    known = hears[:count]
+    return node_status(replace(frame, values=frame.values[: fixed + each * len(known)]), known)

@@ -1,4 +1,4 @@
-"""A node that joins a network that runs: its settings and its neighbours' new ones, from the neighbours' alone."""
+"""A node that joins a network that runs, or leaves it for good: its settings and its neighbours', from these alone."""
 
 from __future__ import annotations
 
@@ -96,6 +96,50 @@ def join(newcomer: Newcomer, neighbours: Sequence[NodeSettings]) -> tuple[NodeSe
         _grown(one, arc, newcomer.name, deviation, sensors, count) for one, arc in zip(neighbours, arcs, strict=False)
     )
     return own, grown
+
+
+def leave(name: str, neighbours: Sequence[NodeSettings]) -> tuple[NodeSettings, ...]:
+    """The new settings of the ``neighbours`` of the node ``name``, which has left for good; in order.
+
+    They lose the arcs to it, with these readings, and its address. A node that comes back needs nobody to be told: as
+    long as it is away its arcs are left out anyway.
+
+    We assume:
+        * every part of the network that is left has an anchor; where not, its nodes will say ``relative``.
+
+    Raises:
+        ArgumentError: nobody is given, one of them does not hear the node, has an arc that joins it and others, or
+            would hear nobody and read nothing, or the gain is guaranteed for the present network only.
+    """
+    if not neighbours:
+        raise ArgumentError(f"say who heard {name!r}: got no neighbour")
+    return tuple(_shrunk(one, name) for one in neighbours)
+
+
+def _shrunk(one: NodeSettings, name: str) -> NodeSettings:
+    if name not in one.program.hears:
+        raise ArgumentError(f"{one.name!r} does not hear {name!r}; it hears {', '.join(one.program.hears) or 'nobody'}")
+    if one.coverage != "every":
+        raise ArgumentError(
+            f"the gain of {one.name!r} is guaranteed for its present network only (coverage is 'nominal'): design the "
+            "smaller network anew"
+        )
+    gone = [arc for arc in one.program.arcs if name in (other for other, _ in arc.heard)]
+    kept = tuple(arc for arc in one.program.arcs if name not in (other for other, _ in arc.heard))
+    if any(arc.more for arc in gone):
+        raise ArgumentError(f"a measurement of {one.name!r} joins {name!r} and others: design the network anew")
+    if not kept:
+        raise ArgumentError(f"{one.name!r} would hear nobody and read nothing without {name!r}: end it, too")
+    labels = {arc.label for arc in gone}
+    return replace(
+        one,
+        program=replace(one.program, arcs=kept, _memo={}),
+        deviations={label: value for label, value in one.deviations.items() if label not in labels},
+        models={other: A for other, A in one.models.items() if other != name},
+        drives={other: drive for other, drive in one.drives.items() if other != name},
+        peers={other: where for other, where in one.peers.items() if other != name},
+        nodes=max(0, one.nodes - 1),
+    )
 
 
 def _grown(

@@ -72,16 +72,21 @@ class LivePlan:
 
     def settings_file(self, index: int) -> Path:
         """Where the settings of node ``index`` are written; names may hold anything, so files are numbered."""
-        return self.folder / "settings" / f"node-{index}.json"
+        return self.settings_folder / f"node-{index}.json"
+
+    @property
+    def settings_folder(self) -> Path:
+        """Where all settings are written; those of nodes that join the run come there, too."""
+        return self.folder / "settings"
 
     @property
     def plant_file(self) -> Path:
         """Where the plant's settings are written."""
-        return self.folder / "settings" / "plant.json"
+        return self.settings_folder / "plant.json"
 
     def write(self) -> None:
         """Write one file a node, and the plant's: a node's process is given its own file and no other."""
-        (self.folder / "settings").mkdir(parents=True, exist_ok=True)
+        self.settings_folder.mkdir(parents=True, exist_ok=True)
         for index, node in enumerate(self.nodes):
             write_settings(node, self.settings_file(index))
         if self.plant is not None:

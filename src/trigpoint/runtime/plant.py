@@ -1,4 +1,4 @@
-"""The simulated truth of a live run: a process that moves it on its own grid and publishes what sensors would read."""
+"""The plant of a live run: a process that moves the truth on its own grid and publishes what sensors would read."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from trigpoint.arrays import FloatArray, decode_array, encode_array, frozen, transition_and_integral
+from trigpoint.arrays import FloatArray, decode_array, encode_array, frozen
 from trigpoint.errors import ArgumentError, FileFormatError, ProtocolError
 from trigpoint.runtime.clock import Clock
 from trigpoint.runtime.codec import Frame, Kind, encode_frame
@@ -20,42 +20,11 @@ from trigpoint.runtime.files import write_whole
 from trigpoint.runtime.settings import Identity
 from trigpoint.runtime.topics import reading_key, truth_key
 from trigpoint.runtime.transport import Transport
+from trigpoint.runtime.truth import Instrument, LinearPlant, Part, check_parts
 
 KIND = "trigpoint/plant-settings"
 VERSION = 1
 _LARGEST_FILE = 1024**3
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """An independent part of the true state: one agent, or a whole shared plant.
-
-    Attributes:
-        A: (n, n) dynamics.
-        start: (n,) state at the plant's origin.
-        noise: (n, n) factor of the process noise of one period, or None.
-    """
-
-    A: FloatArray
-    start: FloatArray
-    noise: FloatArray | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Instrument:
-    """One arc's sensor: ``y = sum of rows @ x_part`` plus noise, or a recorded reading that never changes.
-
-    Attributes:
-        label: number of the arc.
-        rows: pairs of the number of a part and the (p, n) rows that it is multiplied by.
-        deviation: standard deviation of the noise of each reading.
-        recorded: (p,) the reading where it is not simulated.
-    """
-
-    label: int
-    rows: tuple[tuple[int, FloatArray], ...]
-    deviation: float = 0.0
-    recorded: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +42,8 @@ class PlantSettings:
         origin: time of the parts' ``start``, seconds since 1970; None for when the process starts. A plant that is
             started again goes on where it would be by now (past process noise apart).
         peers: addresses to connect to, by name: the nodes, the monitor.
-        listen: own address; empty for none.
+        listen: own address, for guests; empty for none. Nodes do not know it.
+        guests: names that may connect there and hear the truth, with the role ``monitor`` of each.
         identity: certificates for TLS and QUIC.
     """
 
@@ -87,18 +57,19 @@ class PlantSettings:
     origin: float | None = None
     peers: Mapping[str, str] = field(default_factory=dict)
     listen: str = ""
+    guests: Mapping[str, str] = field(default_factory=dict)
     identity: Identity | None = None
 
     def __post_init__(self) -> None:
         """Check what a computation would trip over."""
         if not (np.isfinite(self.period) and self.period > 0.0):
             raise ArgumentError(f"period of a plant must be a positive number of seconds; got {self.period}")
-        numbers = [part for one in self.instruments for part, _ in one.rows] + [part for _, part in self.shows]
-        if any(not 0 <= number < len(self.parts) for number in numbers):
-            raise ArgumentError(f"a plant of {len(self.parts)} parts was asked for the part {max(numbers)}")
-        for one in self.instruments:
-            if not one.rows and one.recorded is None:
-                raise ArgumentError(f"the instrument {one.label} reads nothing: give it rows or a recorded reading")
+        check_parts(self.parts, self.instruments, [part for _, part in self.shows])
+
+    def truth(self, *, epoch: int = 0) -> LinearPlant:
+        """The truth of these settings, at the start; the noise is that of the seed and of the process (``epoch``)."""
+        shows = [part for _, part in self.shows]
+        return LinearPlant(self.parts, self.instruments, shows=shows, period=self.period, seed=[self.seed, epoch])
 
     def to_document(self) -> dict[str, Any]:
         """The settings as a JSON object."""
@@ -108,7 +79,10 @@ class PlantSettings:
             "network": self.network,
             "name": self.name,
             "period": self.period,
-            "parts": [[encode_array(one.A), encode_array(one.start), _maybe(one.noise)] for one in self.parts],
+            "parts": [
+                [encode_array(one.A), encode_array(one.start), _maybe(one.noise), _maybe(one.drive)]
+                for one in self.parts
+            ],
             "instruments": [
                 {
                     "label": int(one.label),
@@ -123,6 +97,7 @@ class PlantSettings:
             "origin": self.origin,
             "peers": dict(self.peers),
             "listen": self.listen,
+            "guests": dict(self.guests),
             "identity": None if self.identity is None else vars(self.identity),
         }
 
@@ -136,8 +111,8 @@ class PlantSettings:
             identity = given.get("identity")
             changed = {
                 "parts": tuple(
-                    Part(decode_array(A, "A"), decode_array(start, "start"), _array(noise))
-                    for A, start, noise in given["parts"]
+                    Part(decode_array(A, "A"), decode_array(start, "start"), _array(noise), _array(drive))
+                    for A, start, noise, drive in given["parts"]
                 ),
                 "instruments": tuple(_instrument(one) for one in given["instruments"]),
                 "shows": tuple((str(name), int(part)) for name, part in given["shows"]),
@@ -164,7 +139,7 @@ def read_plant(path: Path) -> PlantSettings:
 
 
 class SimulatedPlant:
-    """The truth as it moves; no clock and no socket in it.
+    """What a plant publishes, instant by instant of its grid: the frames of a ``LinearPlant``.
 
     Args:
         settings: what it is made of.
@@ -174,10 +149,8 @@ class SimulatedPlant:
 
     def __init__(self, settings: PlantSettings, *, epoch: int, origin: float) -> None:
         self._settings, self._epoch, self._origin = settings, epoch, origin
-        self._rng = np.random.default_rng([settings.seed, epoch])
+        self._truth = settings.truth(epoch=epoch)
         self._step, self._sequence = 0, 0
-        self._state = [np.array(part.start) for part in settings.parts]
-        self._known: dict[tuple[bytes, float], FloatArray] = {}
 
     @property
     def time(self) -> float:
@@ -185,53 +158,25 @@ class SimulatedPlant:
         return self._origin + self._step * self._settings.period
 
     @property
-    def state(self) -> list[FloatArray]:
+    def state(self) -> tuple[FloatArray, ...]:
         """The true state, part by part."""
-        return self._state
+        return self._truth.state
 
     def advance(self, step: int) -> None:
         """Move the truth on to the grid's point number ``step``."""
-        count = step - self._step
-        if count <= 0:
-            return
-        noisy = count < 1000 and any(part.noise is not None for part in self._settings.parts)
-        for _ in range(count if noisy else 1):
-            duration = self._settings.period * (1 if noisy else count)
-            for k, part in enumerate(self._settings.parts):
-                moved = self._transition(part.A, duration) @ self._state[k]
-                if noisy and part.noise is not None:
-                    moved = moved + part.noise @ self._rng.standard_normal(part.noise.shape[1])
-                self._state[k] = moved
-        self._step = step
-
-    def _transition(self, A: FloatArray, duration: float) -> FloatArray:
-        key = A.tobytes(), duration
-        if key not in self._known:
-            if len(self._known) > 256:
-                self._known.clear()
-            self._known[key] = transition_and_integral(A, duration)[0]
-        return self._known[key]
-
-    def read(self, instrument: Instrument) -> FloatArray:
-        """One reading of the present state, with fresh noise."""
-        value = instrument.recorded
-        if value is None:
-            value = np.asarray(sum(rows @ self._state[part] for part, rows in instrument.rows))
-        if instrument.deviation:
-            value = value + instrument.deviation * self._rng.standard_normal(value.shape)
-        return value
+        if step > self._step:
+            self._truth.move(step * self._settings.period)
+            self._step = step
 
     def frames(self) -> Iterator[tuple[str, bytes]]:
         """Key and bytes of every reading and of the truth of every node, now."""
         settings, time = self._settings, self.time
-        for one in settings.instruments:
-            frame = Frame(
-                Kind.READING, settings.name, self._epoch, self._sequence, time, (float(one.label),), self.read(one)
-            )  # fmt: skip
+        for label, value in self._truth.readings().items():
+            frame = Frame(Kind.READING, settings.name, self._epoch, self._sequence, time, (float(label),), value)
             self._sequence += 1
-            yield reading_key(settings.network, one.label), encode_frame(frame)
-        for name, part in settings.shows:
-            frame = Frame(Kind.TRUTH, name, self._epoch, self._step, time, (), frozen(self._state[part]))
+            yield reading_key(settings.network, label), encode_frame(frame)
+        for (name, _), state in zip(settings.shows, self._truth.truth(), strict=True):
+            frame = Frame(Kind.TRUTH, name, self._epoch, self._step, time, (), frozen(state))
             yield truth_key(settings.network, name), encode_frame(frame)
 
 

@@ -95,6 +95,7 @@ class Supervisor:
         self._unwritten = False
         self._lock = threading.RLock()  # orders may come from the page's thread
         self.events: list[tuple[float, str, str]] = []
+        self.joined: list[str] = []  # names of nodes that are not ours
         position = 0
         for group in plan.groups:
             files = [str(plan.settings_file(position + k)) for k in range(len(group))]
@@ -231,6 +232,8 @@ class Supervisor:
 
     def _child(self, name: str) -> _Child:
         child = self._group.get(name)
+        if name in self.joined:
+            raise ArgumentError(f"{name!r} joined the run; orders to it are for whoever started it")
         if child is None:
             raise ArgumentError(f"there is no node {name!r}; the nodes are {', '.join(list(self._group)[:12])}")
         return child

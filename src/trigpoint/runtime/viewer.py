@@ -15,7 +15,7 @@ from trigpoint.runtime.settings import Identity, NodeSettings, read_settings
 from trigpoint.runtime.zenoh_link import ZenohTransport
 
 KIND = "trigpoint/viewer"
-VERSION = 1
+VERSION = 2
 VIEWER_FILE = Path("settings") / "viewer.json"
 """Where a run writes it, in its folder."""
 
@@ -27,16 +27,16 @@ class Viewer:
     Attributes:
         network: name of the network.
         name: its own name, a guest of every node with the role ``monitor``.
-        listen: address that the plant connects to, since a plant listens nowhere.
         sensor: name of the plant.
+        source: address of the plant, who tells its guests readings and truth.
         motions: by node, the dynamics of what it estimates.
         identity: its certificates, or None.
     """
 
     network: str
     name: str
-    listen: str
     sensor: str
+    source: str
     motions: Mapping[str, FloatArray]
     identity: Identity | None = None
 
@@ -47,8 +47,8 @@ class Viewer:
             "version": VERSION,
             "network": self.network,
             "name": self.name,
-            "listen": self.listen,
             "sensor": self.sensor,
+            "source": self.source,
             "motions": {name: encode_array(A) for name, A in self.motions.items()},
             "identity": None if self.identity is None else vars(self.identity),
         }
@@ -61,10 +61,10 @@ class Viewer:
         try:
             motions = {name: decode_array(A, f"motions.{name}") for name, A in document["motions"].items()}
             identity = document["identity"]
-            network, name, listen, sensor = texts = [document[key] for key in ("network", "name", "listen", "sensor")]
+            network, name, sensor, source = texts = [document[key] for key in ("network", "name", "sensor", "source")]
             if not all(isinstance(text, str) for text in texts):
-                raise ProtocolError(f"network, name, listen and sensor of a viewer must be texts; got {texts}")
-            return Viewer(network, name, listen, sensor, motions, None if identity is None else Identity(**identity))
+                raise ProtocolError(f"network, name, sensor and source of a viewer must be texts; got {texts}")
+            return Viewer(network, name, sensor, source, motions, None if identity is None else Identity(**identity))
         except (AttributeError, KeyError, TypeError) as error:
             raise ProtocolError(f"a viewer: {error!r}") from error
 
@@ -122,9 +122,9 @@ def nodes_in(folder: Path) -> tuple[NodeSettings, ...]:
 
 
 def view_transport(viewer: Viewer, nodes: tuple[NodeSettings, ...]) -> ZenohTransport:
-    """The links of a ``viewer`` to the ``nodes``, over which it hears and says nothing.
+    """The links of a ``viewer`` to the ``nodes`` and to the plant, over which it hears and says nothing.
 
-    One viewer at a time hears the plant's truth and readings; a further one finds the address taken and goes without.
+    It listens nowhere, so that there may be any number of them at once.
 
     Raises:
         ArgumentError: the links need certificates and the viewer has none.
@@ -138,7 +138,4 @@ def view_transport(viewer: Viewer, nodes: tuple[NodeSettings, ...]) -> ZenohTran
     roles = {**dict.fromkeys((one.name for one in nodes), "node"), viewer.sensor: "sensor"}
     rules = guest_rules(viewer.network, "monitor", roles) if secured else None
     addresses = [one.listen for one in nodes]
-    try:
-        return ZenohTransport(viewer.listen, addresses, identity=viewer.identity, rules=rules)
-    except ArgumentError:
-        return ZenohTransport("", addresses, identity=viewer.identity, rules=rules)
+    return ZenohTransport("", [*addresses, viewer.source], identity=viewer.identity, rules=rules)

@@ -15,9 +15,9 @@ from trigpoint.observers.run import Run
 from trigpoint.runtime.codec import Frame, Kind, encode_frame
 from trigpoint.runtime.machine import NodeMachine, Outgoing
 from trigpoint.runtime.memory import MemoryNetwork, MemoryTransport
-from trigpoint.runtime.plants import Plant
 from trigpoint.runtime.settings import NodeSettings
 from trigpoint.runtime.topics import reading_key
+from trigpoint.runtime.truth import Plant
 
 SENSOR = "plant"
 """Name under which the plant publishes readings; settings list it among their guests as ``sensor``."""

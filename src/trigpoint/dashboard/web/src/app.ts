@@ -71,21 +71,16 @@ class Page {
 
   private begin(topology: Topology): void {
     if (topology.version !== VERSION) return this.end("This page belongs to another version of the program: reload it.");
+    if (this.topology) return this.grow(topology);
     this.topology = topology;
     document.title = topology.title ? `${topology.title} – Trigpoint` : "Trigpoint";
     document.body.dataset.mode = topology.mode;
-    const { names, arcs } = topology;
-    write(byId("title"), [topology.title, `${count(names.length)} nodes, ${count(arcs.length)} links`].filter(Boolean).join(" · "));
     this.pill();
-    this.network = new Network(byId("network"), topology, {
-      chosen: (node) => this.choose(node),
-      hovered: (node, link) => this.point(node, link),
-      drawn: () => this.count(),
-    });
+    this.drawNetwork(topology);
     this.card = new NodeCard(
       topology,
       (order, node) => this.order(order, node),
-      (name) => this.choose(names.indexOf(name)),
+      (name) => this.choose(this.topology!.names.indexOf(name)),
       (node) => this.connection.send({ type: "select", node }),
     );
     if (topology.mode === "replay") this.playback = new Playback(topology.times, (command) => this.connection.send(command));
@@ -93,6 +88,36 @@ class Page {
     this.toolbar(topology);
     this.fromAddress(topology);
     this.drawLegend();
+  }
+
+  /** Nodes have joined, and come last: what was chosen stays. */
+  private grow(topology: Topology): void {
+    const { network } = this;
+    const [layer, linkLayer, selected] = [network!.layer, network!.linkLayer, network!.selected];
+    network!.end();
+    this.topology = topology;
+    this.frame = null; // it has fewer nodes
+    this.hover = { node: null, link: null };
+    this.drawNetwork(topology);
+    Object.assign(this.network!, { layer, linkLayer });
+    this.network!.select(selected);
+    this.card!.topology = topology;
+    this.listNames(topology);
+    this.legendKey = "";
+  }
+
+  private drawNetwork(topology: Topology): void {
+    const { names, arcs } = topology;
+    write(byId("title"), [topology.title, `${count(names.length)} nodes, ${count(arcs.length)} links`].filter(Boolean).join(" · "));
+    this.network = new Network(byId("network"), topology, {
+      chosen: (node) => this.choose(node),
+      hovered: (node, link) => this.point(node, link),
+      drawn: () => this.count(),
+    });
+  }
+
+  private listNames(topology: Topology): void {
+    byId("names").replaceChildren(...topology.names.map((name) => new Option(name, name)));
   }
 
   private beginNorm(topology: Topology): void {
@@ -228,10 +253,10 @@ class Page {
     for (const layer of topology.links) links.add(new Option(LINKS[layer], layer));
     links.value = this.network!.linkLayer;
     links.addEventListener("change", () => this.linksBy(links.value as LinkLayer | "none"));
-    byId("names").append(...topology.names.map((name) => new Option(name, name)));
+    this.listNames(topology);
     const find = byId<HTMLInputElement>("find");
     const seek = (): void => {
-      const node = topology.names.indexOf(find.value);
+      const node = this.topology!.names.indexOf(find.value);
       find.setCustomValidity(find.value && node < 0 ? "No node has this name" : "");
       if (node >= 0 || !find.value) this.choose(node);
     };
@@ -335,6 +360,7 @@ class Page {
   private nodeRows(node: number): string[][] {
     const frame = this.frame!, { unit, states, colours } = this.topology!;
     const rows = [["state", states[frame.state[node]] ?? "unknown"]];
+    if (this.topology!.joined.includes(node)) rows.push(["joined", "while the run went on"]);
     rows.push(["error", Number.isNaN(frame.error[node]) ? "–" : `${short(frame.error[node])} ${unit}`]);
     if (colours.includes("uncertainty")) rows.push(["uncertainty", short(frame.uncertainty[node])]);
     if (colours.includes("age")) rows.push(["last heard", seconds(frame.age[node])]);
@@ -371,6 +397,7 @@ class Page {
       mode: topology?.mode ?? null,
       nodes: topology?.names.length ?? 0,
       links: topology?.arcs.length ?? 0,
+      joined: topology?.joined ?? [],
       received: this.received,
       draws: this.draws,
       drawsPerSecond: this.drawn.length / 5,

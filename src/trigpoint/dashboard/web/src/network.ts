@@ -29,6 +29,7 @@ export class Network {
   private readonly neighbours: number[][];
   private readonly growing: { error: GrowingScale; uncertainty: GrowingScale };
   private radius = 5;
+  private readonly gone = new AbortController();
 
   constructor(
     private readonly place: HTMLElement,
@@ -56,7 +57,8 @@ export class Network {
   private graph(): Graph {
     const graph = new Graph({ type: "undirected" });
     const { names, x, y, arcs } = this.topology;
-    names.forEach((label, k) => graph.addNode(String(k), { x: x[k], y: y[k], label }));
+    const joined = new Set(this.topology.joined);
+    names.forEach((name, k) => graph.addNode(String(k), { x: x[k], y: y[k], label: joined.has(k) ? `${name} (joined)` : name }));
     arcs.forEach(([i, j], k) => graph.addEdgeWithKey(String(k), String(i), String(j)));
     return graph;
   }
@@ -135,7 +137,7 @@ export class Network {
       if (!way) return;
       event.preventDefault();
       handlers.chosen(this.towards(way[0], way[1]));
-    });
+    }, { signal: this.gone.signal });
   }
 
   /** The neighbour of the chosen node that lies best in a direction; the node itself where none does. */
@@ -217,6 +219,12 @@ export class Network {
     const nodes = [this.selected, node].filter((k) => k >= 0).map(String);
     this.selected = node;
     this.sigma.refresh({ partialGraph: { nodes }, schedule: true });
+  }
+
+  /** Takes itself off the page. */
+  end(): void {
+    this.gone.abort();
+    this.sigma.kill();
   }
 
   zoom(way: "in" | "out" | "fit"): void {

@@ -22,7 +22,7 @@ export class NodeCard {
   private columns = "";
 
   constructor(
-    private readonly topology: Topology,
+    public topology: Topology,
     private readonly order: (order: Order, node: number) => void,
     private readonly choose: (name: string) => void,
     private readonly again: (node: number) => void,

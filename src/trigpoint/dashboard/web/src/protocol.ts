@@ -12,6 +12,7 @@ export interface Topology {
   title: string;
   unit: string;
   names: string[];
+  joined: number[];
   x: number[];
   y: number[];
   arcs: [number, number][];
