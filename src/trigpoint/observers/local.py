@@ -24,6 +24,8 @@ Exchange = Literal["held", "euler", "innovation-held", "discrete"]
 EXCHANGES: tuple[str, ...] = get_args(Exchange)
 """What ``step`` makes of a period; ``LocalObserver`` says what each means."""
 
+_KEPT = 256
+
 
 @dataclass(frozen=True, eq=False)
 class LocalArc:
@@ -156,12 +158,8 @@ class LocalObserver:
         u: FloatArray | None = None,
     ) -> FloatArray:
         """``z'`` (n,) for continuous exchange, from what the node hears and reads now."""
-        parts = self._parts(state.estimate, inbox, readings)
-        if parts is not None:
-            correction: FloatArray = self._stacked(tuple(len(part) for part in parts)) @ np.concatenate(parts)
-        else:
-            correction, _ = self._some_correction(state.estimate, inbox, readings)
-        return self.A @ state.estimate + self._drive(u) + correction
+        heard, parts = self._taken(state.estimate, inbox, readings)
+        return self.A @ state.estimate + self._drive(u) + self._form(heard)[2] @ np.concatenate(parts)
 
     def step(
         self,
@@ -181,14 +179,9 @@ class LocalObserver:
         We assume: ``inbox`` holds each neighbour's latest message; messages of strangers are ignored.
         Source: theory 6-F2 (neighbour-held sampling), extended to moving agents; 6-F1, 6-F7.
         """
-        parts = self._parts(state.estimate, inbox, readings)
-        if parts is None:
-            correction, heard = self._some_correction(state.estimate, inbox, readings)
-            transition, drive, phi = self._maps(heard, float(duration))
-            value = transition @ state.estimate + phi @ correction
-        else:
-            whole, drive = self._whole_map(duration, tuple([part.shape[0] for part in parts]))
-            value = whole @ np.concatenate(parts)
+        heard, parts = self._taken(state.estimate, inbox, readings)
+        whole, drive = self._whole_map(heard, float(duration))
+        value = whole @ np.concatenate(parts)
         if u is not None:
             value = value + drive @ self._drive(u)
         if self.acceleration is not None:
@@ -232,64 +225,69 @@ class LocalObserver:
             )
         return self.B @ u
 
-    def _parts(
+    @cached_property
+    def _all(self) -> tuple[int, ...]:
+        return tuple(range(len(self.arcs)))
+
+    @cached_property
+    def _needs(self) -> tuple[tuple[int | None, frozenset[str]], ...]:
+        return tuple((arc.label, frozenset(name for name, _ in arc.heard)) for arc in self.arcs)
+
+    def _taken(
         self, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
-    ) -> list[FloatArray] | None:
-        """Own value, messages and readings, where nothing is missing; else None."""
+    ) -> tuple[tuple[int, ...], list[FloatArray]]:
+        """Positions of the arcs for which everything is there, and what they use: own value, messages, readings."""
         try:
             parts = [own, *[inbox[name].estimate for name in self.hears]]
-            return parts + [readings[label] for label in self._labels]
+            return self._all, parts + [readings[label] for label in self._labels]
         except KeyError:
-            return None
+            said = inbox.keys()
+            pairs = enumerate(self._needs)
+            heard = tuple([k for k, (label, names) in pairs if (label is None or label in readings) and names <= said])
+            names, labels, _ = self._form(heard)
+            return heard, [own, *[inbox[name].estimate for name in names], *[readings[label] for label in labels]]
 
-    def _some_correction(
-        self, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
-    ) -> tuple[FloatArray, tuple[int, ...]]:
-        """The sum over the arcs for which everything is there, and their positions."""
-        total, heard = np.zeros(self.n_states), []
-        for position, arc in enumerate(self.arcs):
-            innovation = _innovation(arc, own, inbox, readings)
-            if innovation is not None:
-                total += arc.gain @ innovation
-                heard.append(position)
-        return total, tuple(heard)
+    # Memos, not states: they depend on nothing but the arguments and the frozen fields.
+    def _kept(self, key: Any, value: Any) -> Any:
+        if len(self._memo) > _KEPT // (1 + len(self.arcs) // 16):  # what one hears of many seldom comes again
+            self._memo.clear()
+        self._memo[key] = value
+        return value
 
-    def _whole_map(self, duration: float, sizes: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """One step as one product on own value, messages and readings: nothing is missing."""
-        known = self._memo.get(duration)
-        if known is None or known[2] != sizes:
-            transition, drive, phi = self.maps(duration)
-            whole = phi @ self._stacked(sizes)  # a new array
+    def _whole_map(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray]:
+        """One step as one product on what the arcs that are ``heard`` use, and what multiplies ``B u``."""
+        key = (heard, duration)
+        known: tuple[FloatArray, FloatArray] | None = self._memo.get(key)
+        if known is None:
+            transition, drive, phi = self._maps(heard, duration)
+            whole = phi @ self._form(heard)[2]  # a new array
             whole[:, : self.n_states] += transition
-            known = self._memo[duration] = (whole, drive, sizes)
-        return known[0], known[1]
+            known = self._kept(key, (whole, drive))
+        return known
 
-    def _stacked(self, sizes: tuple[int, ...]) -> FloatArray:
-        """(n, sum of sizes): the correction's dependence on the own value, the messages and the readings."""
-        if sizes in self._memo:
-            known: FloatArray = self._memo[sizes]
+    def _form(self, heard: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[int, ...], FloatArray]:
+        """Whose messages and which readings these arcs use, and the correction: what multiplies own value and those."""
+        known: tuple[tuple[str, ...], tuple[int, ...], FloatArray] | None = self._memo.get(heard)
+        if known is not None:
             return known
-        starts = np.concatenate([[0], np.cumsum(sizes)])
-        places = {key: slice(starts[k + 1], starts[k + 2]) for k, key in enumerate((*self.hears, *self._labels))}
-        total = np.zeros((self.n_states, int(starts[-1])))
-        for arc in self.arcs:
+        arcs = [self.arcs[k] for k in heard]
+        sizes: dict[str | int, int] = {name: rows.shape[1] for arc in arcs for name, rows in arc.heard}
+        names = tuple(name for name in sizes if isinstance(name, str))
+        sizes |= {arc.label: arc.gain.shape[1] for arc in arcs if arc.label is not None}
+        places, start = {}, self.n_states
+        for key, size in sizes.items():
+            places[key] = slice(start, start + size)
+            start += size
+        total = np.zeros((self.n_states, start))
+        for arc in arcs:
             total[:, : self.n_states] -= arc.gain @ arc.output
             for name, rows in arc.heard:
                 total[:, places[name]] += arc.gain @ rows
             if arc.label is not None:
                 total[:, places[arc.label]] += arc.sign * arc.gain
-        self._memo[sizes] = total
-        return total
-
-    def _maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        # A memo, not a state: the maps depend on nothing but the arguments and the frozen fields.
-        key = (heard, duration)
-        if key not in self._memo:
-            if len(self._memo) > 256:
-                self._memo.clear()
-            self._memo[key] = self._new_maps(heard, duration)
-        maps: tuple[FloatArray, FloatArray, FloatArray] = self._memo[key]
-        return maps
+        labels = tuple(label for label in sizes if isinstance(label, int))
+        known = self._kept(heard, (names, labels, total))
+        return known
 
     def maps(self, duration: float, *, alone: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
         """``(T, D, Phi)`` of ``z+ = T z + D B u + Phi correction`` over ``duration`` [s] when everybody is heard.
@@ -299,7 +297,7 @@ class LocalObserver:
         heard = tuple(k for k, arc in enumerate(self.arcs) if not (alone and arc.heard))
         return self._maps(heard, float(duration))
 
-    def _new_maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         identity = np.eye(self.n_states)
         if self.exchange == "discrete":
             return self.A, identity, identity

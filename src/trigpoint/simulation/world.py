@@ -131,14 +131,13 @@ class World:
         values = self.channels.C @ state if self.recorded is None else self.recorded
         values = values if noise is None else values + noise
         if labels is None:
-            return {label: values[place] for label, place in self._places}
-        ranges = self.channels.readings
-        return {label: values[ranges.slice(label)] for label in labels}
+            return {label: values[place] for label, place in enumerate(self._places)}
+        return {label: values[self._places[label]] for label in labels}
 
     @cached_property
-    def _places(self) -> list[tuple[int, slice]]:
+    def _places(self) -> list[slice]:
         ranges = self.channels.readings
-        return [(label, ranges.slice(label)) for label in range(ranges.count)]
+        return [ranges.slice(label) for label in range(ranges.count)]
 
     def shown(self, state: FloatArray) -> list[FloatArray]:
         """What each node should estimate, of this truth."""
