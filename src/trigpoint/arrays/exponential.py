@@ -126,7 +126,8 @@ def propagate(A: FloatArray, value: FloatArray, duration: float, drive: FloatArr
     We assume:
         * A, z, b and t are finite.
     """
-    size = math.sqrt(float(np.vdot(A, A))) * abs(duration)
+    data, n = A.tobytes(), A.shape[0]
+    size = _norm(data) * abs(duration)
     if size == 0.0:
         return value if drive is None else value + duration * drive
     if size > _LONGEST_SERIES:
@@ -134,12 +135,18 @@ def propagate(A: FloatArray, value: FloatArray, duration: float, drive: FloatArr
         transition, integral = transition_and_integral(sign * A, abs(duration))
         moved = transition @ value
         return np.asarray(moved if drive is None else moved + sign * (integral @ drive), dtype=np.float64)
-    n, pieces, data = A.shape[0], max(1, math.ceil(size)), A.tobytes()
+    pieces = max(1, math.ceil(size))
     transition = _series(data, n, duration / pieces)
     gained = None if drive is None else _integral_series(data, n, duration / pieces) @ drive
     for _ in range(pieces):
         value = transition @ value if gained is None else transition @ value + gained
     return value
+
+
+@lru_cache(maxsize=256)
+def _norm(data: bytes) -> float:
+    entries = np.frombuffer(data, dtype=np.float64)
+    return math.sqrt(float(np.vdot(entries, entries)))
 
 
 @lru_cache(maxsize=256)  # messages of one instant are equally old

@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
 from trigpoint.arrays import FloatArray, encode_array, frozen, propagate, transition_and_integral
 from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.observers.acceleration import accelerated, chebyshev_factor
+from trigpoint.observers.correction import Correction, correction_of
 from trigpoint.observers.node_file import further, labelled, matrix
 
 KIND = "trigpoint/local-observer"
@@ -25,6 +26,7 @@ EXCHANGES: tuple[str, ...] = get_args(Exchange)
 """What ``step`` makes of a period; ``LocalObserver`` says what each means."""
 
 _KEPT = 256
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +161,7 @@ class LocalObserver:
     ) -> FloatArray:
         """``z'`` (n,) for continuous exchange, from what the node hears and reads now."""
         heard, parts = self._taken(state.estimate, inbox, readings)
-        return self.A @ state.estimate + self._drive(u) + self._form(heard)[2] @ np.concatenate(parts)
+        return self.A @ state.estimate + self._drive(u) + self._correction(heard).matrix @ np.concatenate(parts)
 
     def step(
         self,
@@ -243,12 +245,13 @@ class LocalObserver:
         except KeyError:
             said = inbox.keys()
             pairs = enumerate(self._needs)
-            heard = tuple([k for k, (label, names) in pairs if (label is None or label in readings) and names <= said])
-            names, labels, _ = self._form(heard)
-            return heard, [own, *[inbox[name].estimate for name in names], *[readings[label] for label in labels]]
+            heard = tuple([k for k, (label, names) in pairs if (label is None or label in readings) and said >= names])
+            used = self._correction(heard)
+            parts = [own, *[inbox[name].estimate for name in used.names]]
+            return heard, parts + [readings[label] for label in used.labels]
 
-    # Memos, not states: they depend on nothing but the arguments and the frozen fields.
-    def _kept(self, key: Any, value: Any) -> Any:
+    def _kept(self, key: Any, value: _T) -> _T:
+        # A memo, not a state: values depend on nothing but their keys and the frozen fields.
         if len(self._memo) > _KEPT // (1 + len(self.arcs) // 16):  # what one hears of many seldom comes again
             self._memo.clear()
         self._memo[key] = value
@@ -260,33 +263,15 @@ class LocalObserver:
         known: tuple[FloatArray, FloatArray] | None = self._memo.get(key)
         if known is None:
             transition, drive, phi = self._maps(heard, duration)
-            whole = phi @ self._form(heard)[2]  # a new array
+            whole = phi @ self._correction(heard).matrix  # a new array
             whole[:, : self.n_states] += transition
             known = self._kept(key, (whole, drive))
         return known
 
-    def _form(self, heard: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[int, ...], FloatArray]:
-        """Whose messages and which readings these arcs use, and the correction: what multiplies own value and those."""
-        known: tuple[tuple[str, ...], tuple[int, ...], FloatArray] | None = self._memo.get(heard)
-        if known is not None:
-            return known
-        arcs = [self.arcs[k] for k in heard]
-        sizes: dict[str | int, int] = {name: rows.shape[1] for arc in arcs for name, rows in arc.heard}
-        names = tuple(name for name in sizes if isinstance(name, str))
-        sizes |= {arc.label: arc.gain.shape[1] for arc in arcs if arc.label is not None}
-        places, start = {}, self.n_states
-        for key, size in sizes.items():
-            places[key] = slice(start, start + size)
-            start += size
-        total = np.zeros((self.n_states, start))
-        for arc in arcs:
-            total[:, : self.n_states] -= arc.gain @ arc.output
-            for name, rows in arc.heard:
-                total[:, places[name]] += arc.gain @ rows
-            if arc.label is not None:
-                total[:, places[arc.label]] += arc.sign * arc.gain
-        labels = tuple(label for label in sizes if isinstance(label, int))
-        known = self._kept(heard, (names, labels, total))
+    def _correction(self, heard: tuple[int, ...]) -> Correction:
+        known: Correction | None = self._memo.get(heard)
+        if known is None:
+            known = self._kept(heard, correction_of([self.arcs[k] for k in heard], self.n_states))
         return known
 
     def maps(self, duration: float, *, alone: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -298,15 +283,15 @@ class LocalObserver:
         return self._maps(heard, float(duration))
 
     def _maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        identity = np.eye(self.n_states)
-        if self.exchange == "discrete":
-            return self.A, identity, identity
-        if self.exchange == "euler":
+        if self.exchange in ("discrete", "euler"):
+            identity = np.eye(self.n_states)
+            if self.exchange == "discrete":
+                return self.A, identity, identity
             return identity + duration * self.A, duration * identity, duration * identity
         transition, drive = transition_and_integral(self.A, duration)
         if self.exchange == "innovation-held":
             return transition, drive, drive
-        closed = self.A - sum((self.arcs[k].gain @ self.arcs[k].output for k in heard), np.zeros_like(self.A))
+        closed = self.A + self._correction(heard).matrix[:, : self.n_states]
         return transition, drive, transition_and_integral(closed, duration)[1]
 
     # -- the node file ---------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.stacked import Progress
 from trigpoint.simulation.topology import is_away
 from trigpoint.simulation.wire import Wire
-from trigpoint.simulation.world import World, padded
+from trigpoint.simulation.world import World, drawn_from, padded
 
 _SNAP = 1e-9
 
@@ -98,8 +98,9 @@ class EventRun:
         self._factors: dict[float, list[FloatArray]] = {}
         self._opened: tuple[bytes, set[tuple[int, int]]] | None = None
         if scenario.motion is not None:
+            self._seen = world.shown(self._truth)
             for node in self._nodes:
-                node.place = observer.channels.targets[node.index] @ self._truth
+                node.place = self._seen[node.index]
 
     def record(self, progress: Progress) -> Recorded:
         """Run to the last output time; Ctrl-C keeps what was computed."""
@@ -159,10 +160,10 @@ class EventRun:
         drawn = None
         if self._scenario.motion is not None:
             self._truth = self._scenario.motion.at(time).ravel()
+            self._seen = self._world.shown(self._truth)
         else:
             if self._noise[1]:
-                factors = self._factors_of(duration)
-                drawn = np.concatenate([factor @ self._rng.standard_normal(factor.shape[1]) for factor in factors])
+                drawn = drawn_from(self._factors_of(duration), self._rng)
             self._truth = self._world.advance(self._truth, duration, drawn)
         self._now = time
 
@@ -172,9 +173,8 @@ class EventRun:
         motion = self._scenario.motion
         if motion is None or not motion.known or node.away or time <= node.last_act:
             return state
-        now = self._observer.channels.targets[node.index] @ self._truth
         free = node.program.moved(node.place, time - node.last_act, node.known)
-        return LocalState(state.time, state.sequence, frozen(state.estimate + now - free))
+        return LocalState(state.time, state.sequence, frozen(state.estimate + self._seen[node.index] - free))
 
     def _factors_of(self, duration: float) -> list[FloatArray]:
         key = round(duration, 12)
@@ -195,7 +195,7 @@ class EventRun:
             node.state = self._state(node, time)
         node.away, node.last_act = away, time
         if self._scenario.motion is not None:
-            node.place = self._observer.channels.targets[node.index] @ self._truth
+            node.place = self._seen[node.index]
 
     def _exchange(self, acting: list[_Node], time: float) -> None:
         """Those who act speak; then what has arrived is heard, and everybody reads its own instruments."""
@@ -224,8 +224,8 @@ class EventRun:
         return padded(self._world.shown(self._truth)) if self._channel.reach is not None else np.zeros((0, 0))
 
     def _said(self, node: _Node, time: float) -> Message | None:
-        message = node.program.emit(node.state)
-        message = Message(message.sender, message.sequence, node.clock.shows(time), message.estimate)
+        state = node.state
+        message = Message(node.program.name, state.sequence, node.clock.shows(time), state.estimate)
         trigger = self._scenario.trigger
         if trigger is not None and node.last_sent is not None and not self._worth(trigger, node, message, time):
             return None
@@ -273,7 +273,8 @@ class EventRun:
                 key = (message, now)
                 if key not in moved:
                     value = sender.program.moved(message.estimate, now - message.time, sender.known)
-                    moved[key] = Message(message.sender, message.sequence, now, frozen(value))
+                    value.setflags(write=False)
+                    moved[key] = Message(message.sender, message.sequence, now, value)
                 message = moved[key]
             found[name] = message
         return found

@@ -18,7 +18,7 @@ from trigpoint.simulation.clockwork import ticks
 from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.stacked import Progress
 from trigpoint.simulation.wire import HEAD_BYTES
-from trigpoint.simulation.world import World, padded
+from trigpoint.simulation.world import World, drawn_from, padded
 
 Readings = dict[int, FloatArray]
 _Maps = tuple[sp.csr_array, FloatArray, sp.csr_array]
@@ -144,10 +144,9 @@ def sampled(observer: AssembledObserver, world: World, scenario: Scenario, how: 
                 value = engine.after(shown) + (known if shown else 0.0)
                 estimates.append(estimates_of(observer, value, readings if late == 0.0 else world.read(now)))
                 counts.append((tick.number, late))
-            drawn = [factor @ rng.standard_normal(factor.shape[1]) for factor in factors]
             moved, known = _later(world, scenario, truth, tick.number * how.period, how.period)
             engine.settle(how.period, known)
-            truth = moved + np.concatenate(drawn) if drawn else moved
+            truth = moved + drawn_from(factors, rng) if factors else moved
     except KeyboardInterrupt:
         if not estimates:
             raise

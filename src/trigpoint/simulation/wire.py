@@ -53,7 +53,7 @@ class Wire:
         Args: ``time`` now; ``place`` (N, n) true states, for losses that grow with distance.
         """
         channel, links, due = self._channel, self._links_of(messages), time + self._channel.delay
-        draws = iter(self._rng.random(self._draws_of_a_link * len(links)).tolist())  # link by link
+        draws = iter(self._rng.random(self._draws_of_a_link * len(links)).tolist() if self._draws_of_a_link else ())
         said = {sender: self._packed(message) for sender, message in messages.items()}
         for link in links:
             if channel.bursts is not None:
@@ -78,8 +78,8 @@ class Wire:
         """The links of those who speak, in the order of all links."""
         if 4 * len(messages) > len(self._by_sender):
             return [link for link in self._links if link[0] in messages]
-        places = sorted(place for sender in messages for place in self._by_sender.get(sender, ()))
-        return [self._links[place] for place in places]
+        places = [place for sender in messages for place in self._by_sender.get(sender, ())]
+        return [self._links[place] for place in sorted(places)]
 
     @cached_property
     def _by_sender(self) -> dict[int, list[int]]:
