@@ -15,7 +15,8 @@ import numpy as np
 from trigpoint.arrays import FloatArray, encode_array, frozen, propagate, transition_and_integral
 from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.observers.acceleration import accelerated, chebyshev_factor
-from trigpoint.observers.correction import Correction, correction_of
+from trigpoint.observers.arc import Correction, correction_of
+from trigpoint.observers.arc import LocalArc as LocalArc
 from trigpoint.observers.node_file import further, labelled, matrix
 
 KIND = "trigpoint/local-observer"
@@ -27,40 +28,6 @@ EXCHANGES: tuple[str, ...] = get_args(Exchange)
 
 _KEPT = 256
 _T = TypeVar("_T")
-
-
-@dataclass(frozen=True, eq=False)
-class LocalArc:
-    """One arc as the node at one of its ends sees it.
-
-    The arc corrects the node's value by ``gain @ (sign * y + neighbour_output @ z_neighbour - output @ z_own)``; a
-    measurement of more than two nodes adds ``rows @ z`` for each pair in ``more``.
-
-    Attributes:
-        label: the measurement's number in the network: the key of its reading y; None where no reading belongs to the
-            arc, which then couples the node to what its neighbour says.
-        neighbour: name of the other end; None for the environment (then there is no ``z_neighbour``).
-        sign: +1 where the node is the arc's head, -1 where it is the tail.
-        gain: (n, p) correction gain, 1/s, the arc's weight included.
-        output: (p, n) own output rows.
-        neighbour_output: (p, n_j) the neighbour's output rows; None for the environment.
-        more: further neighbours of a measurement on more than two nodes, each with its (p, n_k) rows.
-    """
-
-    label: int | None
-    neighbour: str | None
-    sign: float
-    gain: FloatArray
-    output: FloatArray
-    neighbour_output: FloatArray | None
-    more: tuple[tuple[str, FloatArray], ...] = ()
-
-    @property
-    def heard(self) -> tuple[tuple[str, FloatArray], ...]:
-        """Everybody whose message the arc uses, each with the rows that it is multiplied by."""
-        if self.neighbour is None or self.neighbour_output is None:
-            return self.more
-        return ((self.neighbour, self.neighbour_output), *self.more)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +150,7 @@ class LocalObserver:
         """
         heard, parts = self._taken(state.estimate, inbox, readings)
         whole, drive = self._whole_map(heard, float(duration))
-        value = whole @ np.concatenate(parts)
+        value = whole.dot(np.concatenate(parts))  # on so few numbers half the cost of @
         if u is not None:
             value = value + drive @ self._drive(u)
         if self.acceleration is not None:
