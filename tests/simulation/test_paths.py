@@ -173,3 +173,14 @@ def test_single_readings_and_noise_drawn_at_once_are_those_of_all_one_by_one(obs
         singly = np.concatenate([factor @ other.standard_normal(factor.shape[1]) for factor in chosen])
         np.testing.assert_array_equal(drawn_from(chosen, one), singly)
         assert one.random() == other.random()
+
+
+@settings(max_examples=25)
+@given(observed())
+def test_messages_are_counted_once_a_neighbour(observer) -> None:
+    scenario = Scenario([0.0, 0.5], period=0.1)
+    run = simulate(observer.problem, observer, scenario)
+    assert run.path == "stacked"
+    graph = observer.graph
+    told = [graph.neighbours(node).shape[0] for node in range(graph.n_nodes)]
+    assert run.messages[-1].tolist() == [5 * count for count in told]

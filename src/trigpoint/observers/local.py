@@ -258,7 +258,7 @@ class LocalObserver:
         transition, drive = transition_and_integral(self.A, duration)
         if self.exchange == "innovation-held":
             return transition, drive, drive
-        closed = self.A + self._correction(heard).matrix[:, : self.n_states]
+        closed = self.A - sum((self.arcs[k].gain @ self.arcs[k].output for k in heard), np.zeros_like(self.A))
         return transition, drive, transition_and_integral(closed, duration)[1]
 
     # -- the node file ---------------------------------------------------------------------------------------------

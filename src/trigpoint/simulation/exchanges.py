@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -172,8 +172,8 @@ def traffic_of(
 ) -> Traffic:  # fmt: skip
     """Nobody loses anything: numbers follow from the exchanges before each output, and from the delay."""
     channel = scenario.channel or Channel()
-    links = [(sender, node.name) for node in observer.nodes for sender in node.hears]
-    sent = np.array([sum(sender == name for sender, _ in links) for name in observer.names], dtype=np.int64)
+    listeners = Counter(sender for node in observer.nodes for sender in node.hears)
+    sent = np.array([listeners[name] for name in observer.names], dtype=np.int64)
     received = np.array([len(node.hears) for node in observer.nodes], dtype=np.int64)
     size = [HEAD_BYTES + int(np.ceil(channel.bits_per_value * node.n_states / 8.0)) for node in observer.nodes]
     spoken = np.array([number + (late > 0.0) for number, late in counts], dtype=np.int64)

@@ -76,7 +76,8 @@ def _check(observer: DiffusiveObserver, scenario: Scenario) -> None:
         raise ArgumentError("continuous exchange with changes or noise is for scalar weights; give a period")
     if observer.graph.n_nodes > modal.ALL_MODES:
         unknown = isinstance(scenario.motion, Trajectory) and not scenario.motion.known
-        if scenario.noise is not None or unknown:
+        noise = scenario.noise
+        if unknown or (noise is not None and max(noise.measurement, noise.process) > 0.0):
             what = "a trajectory that the agents do not know" if unknown else "noise"
             raise ArgumentError(
                 f"{what} under continuous exchange needs all modes of the network: at most {modal.ALL_MODES} nodes, "
