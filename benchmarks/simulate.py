@@ -1,7 +1,8 @@
 """How fast `simulate` is: CPU seconds of one thread, a process each, with ratios to SciPy's best stock integrator.
 
 "image": G16's and R23's grid of 70 x 128 constants, weights 1000, one corner anchor, six output times to 156.27 s;
-"grid", "geometric": 10^6 double integrators, ten output times; "reference": node by node with messages in between.
+"grid", "geometric": 10^6 double integrators, ten output times; "reference": node by node with messages in between, 400
+nodes, over channels of several kinds (short runs are mostly preparation).
 Run: python benchmarks/simulate.py [--large] [part ...]       (--large: 10^6 nodes; without it 10^5)
 """
 
@@ -77,16 +78,26 @@ def reference(_):
 
     problem = tp.NetworkedAgents(tp.graphs.grid(20, 20), tp.LinearAgent([[0, 1], [-1, 0]], [[1, 0]]))
     observer = tp.design(problem, tp.methods.LocalKalman())
-    rows = []
-    for name, steps, options in (
-        ("ideal links", 1000, {"path": "reference"}),
-        ("loss .2", 100, {"channel": Channel(loss=0.2)}),
-        ("loss .2, propagated", 100, {"channel": Channel(loss=0.2, old="propagate")}),
-        ("clocks that differ", 10, {"clocks": Clocks(phase=np.linspace(0.0, 0.009, 400))}),
-    ):
+    late = {"channel": Channel(jitter=0.02, old="propagate")}
+    kinds = {
+        "ideal links": {"path": "reference"},
+        "loss .2": {"channel": Channel(loss=0.2)},
+        "loss .2, propagated": {"channel": Channel(loss=0.2, old="propagate")},
+        "up to two periods late, propagated": late,
+        "clocks that differ": {"clocks": Clocks(phase=np.linspace(0.0, 0.009, 400))},
+    }
+
+    def rate(options, steps):
         scenario = tp.Scenario([0.0, 0.01 * steps], 1.0, period=0.01, **options)
-        spent, run = seconds(lambda scenario=scenario: tp.simulate(problem, observer, scenario), 2)
-        rows.append(f"{name}: {400 * steps / spent:.3g} node-steps/s ({run.path})")
+        return 400 * steps / seconds(lambda: tp.simulate(problem, observer, scenario), 3)[0]
+
+    rows = []
+    for steps in (10, 300):
+        rates = {name: rate(options, steps) for name, options in kinds.items()}
+        ideal = rates["ideal links"]
+        rows += [
+            f"{steps} exchanges, {n}: {r:.3g} node-steps/s, ideal / this {ideal / r:.1f}" for n, r in rates.items()
+        ]
     return rows
 
 

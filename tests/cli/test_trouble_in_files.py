@@ -217,3 +217,22 @@ def test_where_a_run_shall_go_is_checked_before_it_is_computed(monkeypatch, tmp_
             patched.setitem(sys.modules, module, None)
             assert "which is not installed" in run("simulate", file, "--out", tmp_path / name).stderr
     assert "expected a file name ending in" in run("simulate", file, "--out", tmp_path / "t1.csv").stderr
+
+
+def test_an_interrupted_run_is_kept_and_said_to_be_short(tmp_path, monkeypatch) -> None:
+    def ending(name):
+        def some(ticks):
+            for count, tick in enumerate(ticks):
+                if count == 12:
+                    raise KeyboardInterrupt
+                yield tick
+
+        return some
+
+    file = tmp_path / "s.toml"
+    file.write_text(NETWORK + "period = 0.1\nchannel = {loss = 0.1}\n", encoding="utf-8")
+    monkeypatch.setattr("trigpoint.cli.simulating.tracked", ending)
+    done = run("simulate", file, "--out", tmp_path / "run.npz")
+    assert done.exit_code == 0, done.stderr
+    assert done.stderr == "interrupted: 6 of 11 samples are kept, up to 1 of 2 s\n"
+    assert tp.load(tmp_path / "run.npz").times.tolist() == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])

@@ -19,6 +19,7 @@ LOADED = "import {name}, sys, json; print(json.dumps(sorted({{m.split('.')[0] fo
 NODE_MODULES = (
     "trigpoint.observers.local",
     "trigpoint.observers.acceleration",
+    "trigpoint.observers.arc",
     "trigpoint.observers.node_file",
     "trigpoint.observers.run",
     "trigpoint.runtime",
@@ -28,6 +29,7 @@ NODE_MODULES = (
 NODE_PACKAGES = {
     "trigpoint.observers.local": {"numpy"},
     "trigpoint.observers.acceleration": {"numpy"},
+    "trigpoint.observers.arc": {"numpy"},
     "trigpoint.observers.node_file": {"numpy"},
     "trigpoint.observers.run": {"numpy", "xarray"},  # xarray only inside Run.dataset
     "trigpoint.runtime": {"numpy", "zenoh", "mcap", "zstandard", "lz4", "cryptography", "psutil"},
@@ -87,7 +89,7 @@ def test_a_deployed_node_imports_from_a_short_list(root: str) -> None:
     graph = grimp.build_graph("trigpoint", include_external_packages=True, cache_dir=None)
     modules = {root} | graph.find_descendants(root)
     inside = {"trigpoint", "trigpoint.observers", "trigpoint.arrays", "trigpoint.errors"}
-    inside |= {"trigpoint.observers.acceleration", "trigpoint.observers.node_file"}
+    inside |= {f"trigpoint.observers.{module}" for module in ("acceleration", "arc", "node_file")}
     if root == "trigpoint.runtime":
         inside |= {"trigpoint.observers.local", "trigpoint.observers.run"} | modules
     stray = [

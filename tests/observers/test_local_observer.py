@@ -236,6 +236,23 @@ def test_the_memo_of_maps_stays_bounded() -> None:
     assert np.array_equal(node.step(state, {}, {}, 0.001).estimate, results[0])
 
 
+def test_a_hub_that_misses_a_few_of_many_steps_without_them_and_remembers_little() -> None:
+    star = MeasurementGraph(80, [0] * 79 + [-1], [*range(1, 80), 0])
+    problem = NetworkedAgents(star, LinearAgent([[0, 1], [-1, 0]], [[1, 0]]))
+    hub = design(problem, LocalKalman()).local(0)
+    rng = np.random.default_rng(0)
+    state = hub.init(rng.normal(size=2))
+    messages = {name: Message(name, 0, 0.0, rng.normal(size=2)) for name in hub.hears}
+    readings = {label: rng.normal(size=1) for label in hub.reads}
+    for _ in range(100):
+        inbox = {name: message for name, message in messages.items() if rng.random() > 0.2}
+        left = tuple(arc for arc in hub.arcs if arc.neighbour is None or arc.neighbour in inbox)
+        alone = dataclasses.replace(hub, arcs=left, _memo={})
+        found = hub.step(state, inbox, readings, 0.1).estimate
+        np.testing.assert_array_equal(found, alone.step(state, inbox, readings, 0.1).estimate)
+    assert len(hub._memo) <= 50
+
+
 @settings(max_examples=25)
 @given(st.floats(0.0, 3.0), st.integers(0, 999))
 def test_an_old_estimate_moves_as_the_model_does(age, seed) -> None:

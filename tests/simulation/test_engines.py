@@ -14,7 +14,18 @@ from trigpoint.analysis.modes import largest_eigenvalue_bound
 from trigpoint.errors import ArgumentError
 from trigpoint.linalg import chebyshev
 from trigpoint.linalg.sparse import WIDEST, widest_level
-from trigpoint.simulation import Absence, Noise, Scenario, modal, simulate, simulate_family, stationary_covariance
+from trigpoint.simulation import (
+    Absence,
+    Bouncing,
+    Noise,
+    Scenario,
+    Topology,
+    Trajectory,
+    modal,
+    simulate,
+    simulate_family,
+    stationary_covariance,
+)
 
 from .drawn import observed, start
 
@@ -98,6 +109,41 @@ def test_every_engine_gives_the_exact_modes(monkeypatch, agent, with_readings) -
         gaps = np.linalg.norm(run.error - exact.error, axis=(1, 2)) / size
         assert gaps.max() < 1e-8
         assert 0.0 < run.attributes["error_estimate"] < 1e-8
+
+
+MOVING = Bouncing.drawn(224, 14.0, (0.5, 1.0), np.random.default_rng(3), known=False)
+CHANGES = {
+    "arcs fail": {"topology": Topology.random(tp.graphs.grid(14, 16, anchors=(0, 100)).n_arcs, 0.7, 0.8, 3.0, 4)},
+    "nothing works": {"topology": Topology([0.0, 1.0], np.repeat([[True], [False]], 420, axis=1))},
+    "nodes leave": {"absences": (Absence(0, 0.4, 1.1), Absence(7, 0.9), Absence(30, 0.0, 2.0))},
+    "nodes move": {"motion": MOVING, "topology": Topology([0.0, 1.3], np.arange(840).reshape(2, 420) % 5 > 0)},
+}
+
+
+@pytest.mark.parametrize("changes", CHANGES.values(), ids=CHANGES)
+def test_changing_networks_too_large_for_all_modes_follow_them_all_the_same(monkeypatch, changes) -> None:
+    graph = tp.graphs.grid(14, 16, anchors=(0, 100))
+    observer = designed(graph, tp.LinearAgent(np.kron([[0, 1], [0, 0]], np.eye(2)), np.eye(4)[:2]), 3.0)
+    error = np.random.default_rng(1).normal(size=(224, 4))
+    scenario = Scenario([0.0, 0.4, 0.5, 1.0, 1.1, 3.0], error, seed=2, **changes)
+    exact = simulate(observer.problem, observer, scenario)
+    assert exact.attributes["engines"] == "eigenpairs"
+    monkeypatch.setattr(modal, "ALL_MODES", 10)
+    run = simulate(observer.problem, observer, scenario)
+    assert run.attributes["engines"] == "chebyshev and krylov, interval by interval"
+    size = np.linalg.norm(np.nan_to_num(exact.error), axis=(1, 2)).max()
+    np.testing.assert_allclose(run.estimate, exact.estimate, atol=1e-7 * size)
+    np.testing.assert_array_equal(run.truth, exact.truth)
+    np.testing.assert_array_equal(run.status, exact.status)
+    assert 0.0 < run.attributes["error_estimate"] < 1e-6
+
+
+def test_noise_and_unknown_trajectories_need_all_modes() -> None:
+    observer = designed(tp.graphs.grid(40, 40), DOUBLE, 5.0)
+    unknown = Trajectory([0.0, 1.0], np.zeros((2, 1600, 2)), known=False)
+    for options, words in (({"noise": Noise(0.1)}, "noise"), ({"motion": unknown}, "a trajectory that")):
+        with pytest.raises(ArgumentError, match=f"{words}.* needs all modes .* at most 1200 nodes, got 1600; give a"):
+            simulate(observer.problem, observer, Scenario([1.0], **options))
 
 
 def test_a_looser_tolerance_is_kept_and_named() -> None:

@@ -12,6 +12,7 @@ from trigpoint.graphs import chain, cycle
 from trigpoint.methods import Fixed, LocalKalman, design
 from trigpoint.model import LinearAgent, NetworkedAgents
 from trigpoint.simulation import Noise, Scenario, simulate, stacked
+from trigpoint.simulation.world import World, drawn_from
 
 from .drawn import AGENTS, everywhere, observed, start
 
@@ -156,3 +157,30 @@ def test_the_measured_slope_is_the_computed_abscissa() -> None:
     assert run.measured_decay_rate() == pytest.approx(-observer.spectral_abscissa, rel=1e-6)
     assert observer.decay_rate <= run.measured_decay_rate() * (1 + 1e-6)
     assert run.error_norm[-1] < 1e-8 * run.error_norm[0]
+
+
+@settings(max_examples=25)
+@given(observed(), st.integers(0, 999))
+def test_single_readings_and_noise_drawn_at_once_are_those_of_all_one_by_one(observer, seed) -> None:
+    world = World.of(observer.as_programs(), Scenario([0.0, 1.0], period=0.1))
+    rng = np.random.default_rng(seed)
+    state = rng.normal(size=world.channels.A.shape[0])
+    for label, value in world.read(state).items():
+        np.testing.assert_array_equal(world._reading(state, world._places[label]), value)
+    factors = world.noise_factors(0.7, 0.1)
+    for chosen in (factors, [*factors, rng.normal(size=(1, 3))]):
+        one, other = np.random.default_rng(seed), np.random.default_rng(seed)
+        singly = np.concatenate([factor @ other.standard_normal(factor.shape[1]) for factor in chosen])
+        np.testing.assert_array_equal(drawn_from(chosen, one), singly)
+        assert one.random() == other.random()
+
+
+@settings(max_examples=25)
+@given(observed())
+def test_messages_are_counted_once_a_neighbour(observer) -> None:
+    scenario = Scenario([0.0, 0.5], period=0.1)
+    run = simulate(observer.problem, observer, scenario)
+    assert run.path == "stacked"
+    graph = observer.graph
+    told = [graph.neighbours(node).shape[0] for node in range(graph.n_nodes)]
+    assert run.messages[-1].tolist() == [5 * count for count in told]

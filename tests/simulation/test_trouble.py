@@ -314,10 +314,10 @@ def test_a_changing_continuous_run_keeps_what_was_computed(monkeypatch) -> None:
         calls.append(0)
         if len(calls) == 12:
             raise KeyboardInterrupt
-        return modes(*arguments)
+        return go(*arguments)
 
-    modes = switched._modes
-    monkeypatch.setattr(switched, "_modes", stopping)
+    go = switched._ThroughModes.go
+    monkeypatch.setattr(switched._ThroughModes, "go", stopping)
     partial = run_of(scenario)
     assert partial.attributes["interrupted"] is True
     assert np.array_equal(partial.estimate, all_of_it.estimate[:12])

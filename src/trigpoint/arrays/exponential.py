@@ -81,10 +81,25 @@ def transition_and_integral(A: FloatArray, h: float) -> tuple[FloatArray, FloatA
 
     One exponential of a 2n matrix over a short step d, then doubling: ``I(2d) = I(d) + T(d) I(d)``, ``T(2d) = T(d)^2``.
     Squaring the 2n matrix itself would raise the rounding error of its unit block to the power h / d.
+
+    Read-only: the last ones are kept, since many nodes have equal models and periods.
     """
     n = A.shape[0]
     if A.ndim != 2 or A.shape[1] != n or n > _EXPM_LIMIT:
         raise ArgumentError(f"A must be a square matrix of at most {_EXPM_LIMIT} rows; got shape {A.shape}")
+    return _transition_and_integral(np.asarray(A, dtype=np.float64).tobytes(), n, float(h))
+
+
+@lru_cache(maxsize=256)
+def _transition_and_integral(data: bytes, n: int, h: float) -> tuple[FloatArray, FloatArray]:
+    both = _both(np.frombuffer(data, dtype=np.float64).reshape(n, n), h)
+    for each in both:
+        each.setflags(write=False)
+    return both
+
+
+def _both(A: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
+    n = A.shape[0]
     if not A.any():  # exact, so that a static truth stays where it is to the last bit
         return np.eye(n), h * np.eye(n)
     block = np.zeros((2 * n, 2 * n))
@@ -111,7 +126,8 @@ def propagate(A: FloatArray, value: FloatArray, duration: float, drive: FloatArr
     We assume:
         * A, z, b and t are finite.
     """
-    size = math.sqrt(float(np.vdot(A, A))) * abs(duration)
+    data, n = A.tobytes(), A.shape[0]
+    size = _norm(data) * abs(duration)
     if size == 0.0:
         return value if drive is None else value + duration * drive
     if size > _LONGEST_SERIES:
@@ -119,15 +135,29 @@ def propagate(A: FloatArray, value: FloatArray, duration: float, drive: FloatArr
         transition, integral = transition_and_integral(sign * A, abs(duration))
         moved = transition @ value
         return np.asarray(moved if drive is None else moved + sign * (integral @ drive), dtype=np.float64)
-    n, pieces = A.shape[0], max(1, math.ceil(size))
-    powers, weights = _powers(A.tobytes(), n), (duration / pieces) ** _ORDERS
-    transition = (weights @ powers).reshape(n, n)
-    gained = None
-    if drive is not None:
-        gained = ((duration / pieces) * (weights / (_ORDERS + 1.0)) @ powers).reshape(n, n) @ drive
+    pieces = max(1, math.ceil(size))
+    transition = _series(data, n, duration / pieces)
+    gained = None if drive is None else _integral_series(data, n, duration / pieces) @ drive
     for _ in range(pieces):
         value = transition @ value if gained is None else transition @ value + gained
     return value
+
+
+@lru_cache(maxsize=256)
+def _norm(data: bytes) -> float:
+    entries = np.frombuffer(data, dtype=np.float64)
+    return math.sqrt(float(np.vdot(entries, entries)))
+
+
+@lru_cache(maxsize=256)  # messages of one instant are equally old
+def _series(data: bytes, n: int, duration: float) -> FloatArray:
+    return np.asarray((duration**_ORDERS @ _powers(data, n)).reshape(n, n))
+
+
+@lru_cache(maxsize=256)
+def _integral_series(data: bytes, n: int, duration: float) -> FloatArray:
+    weights = duration * (duration**_ORDERS / (_ORDERS + 1.0))
+    return np.asarray((weights @ _powers(data, n)).reshape(n, n))
 
 
 @lru_cache(maxsize=128)

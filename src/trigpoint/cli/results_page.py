@@ -72,7 +72,7 @@ def _section(result: Reproduction) -> Section:
             title=series.title,
             log_y=series.log_y,
         )
-        items.append(Figure(drawing, ""))
+        items.append(Figure(drawing, series.caption))
     items.append(_table(result))
     return Section(f"{result.name}: {result.source}", result.text, tuple(items))
 

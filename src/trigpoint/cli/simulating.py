@@ -75,6 +75,9 @@ def simulate_command(
     if out is not None:
         _write(out, run, given, part)
     _warn(given, part)
+    if run.attributes.get("interrupted"):
+        kept, asked = run.times.shape[0], scenario.times
+        notice(f"interrupted: {kept} of {asked.shape[0]} samples are kept, up to {run.times[-1]:g} of {asked[-1]:g} s")
     if as_json:
         emit(facts(run, observer))
     else:

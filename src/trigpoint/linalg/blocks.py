@@ -62,7 +62,16 @@ def block_diagonal(blocks: FloatArray) -> sp.csr_array:
 
 def diagonal_of(blocks: Iterable[Any]) -> sp.csr_array:
     """Block diagonal sparse matrix of dense or sparse blocks of any sizes."""
-    return sp.csr_array(sp.block_diag([sp.csr_array(block) for block in blocks]))
+    given = list(blocks)
+    if not given or any(sp.issparse(block) for block in given):
+        return sp.csr_array(sp.block_diag([sp.csr_array(block) for block in given]))
+    tables = [np.atleast_2d(block) for block in given]
+    rows, columns = (Ranges.of(table.shape[axis] for table in tables) for axis in (0, 1))
+    places = [np.nonzero(table) for table in tables]
+    entries = np.concatenate([table[place] for table, place in zip(tables, places, strict=True)])
+    i = np.concatenate([place[0] + start for place, start in zip(places, rows.starts, strict=False)])
+    j = np.concatenate([place[1] + start for place, start in zip(places, columns.starts, strict=False)])
+    return sp.csr_array((entries, (i, j)), shape=(rows.total, columns.total))
 
 
 def expand(matrix: sp.sparray, size: int) -> sp.csr_array:

@@ -114,11 +114,10 @@ class HyperNetwork:
 
 def _arc_measurements(problem: NetworkedAgents) -> Iterator[dict[int, FloatArray]]:
     graph = problem.graph
-    for arc in range(graph.n_arcs):
-        head = int(graph.head[arc])
+    ends = zip(graph.head.tolist(), graph.tail.tolist(), graph.is_external.tolist(), strict=True)
+    for head, tail, is_external in ends:
         blocks: dict[int, FloatArray] = {head: problem.agents[head].C}
-        if not graph.is_external[arc]:
-            tail = int(graph.tail[arc])
+        if not is_external:
             blocks[tail] = -problem.agents[tail].C
         yield blocks
 

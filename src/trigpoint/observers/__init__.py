@@ -6,9 +6,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from trigpoint.observers.arc import LocalArc as LocalArc
     from trigpoint.observers.assembled import AssembledObserver as AssembledObserver
     from trigpoint.observers.centralised import CentralisedObserver as CentralisedObserver
-    from trigpoint.observers.local import LocalArc as LocalArc
     from trigpoint.observers.local import LocalObserver as LocalObserver
     from trigpoint.observers.local import LocalState as LocalState
     from trigpoint.observers.local import Message as Message
@@ -26,7 +26,7 @@ _HOME = {
     "DesignResiduals": "network",
     "DiffusiveObserver": "network",
     "GeneralForm": "network",
-    "LocalArc": "local",
+    "LocalArc": "arc",
     "LocalObserver": "local",
     "LocalState": "local",
     "Message": "local",

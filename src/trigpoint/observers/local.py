@@ -8,13 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
 from trigpoint.arrays import FloatArray, encode_array, frozen, propagate, transition_and_integral
 from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.observers.acceleration import accelerated, chebyshev_factor
+from trigpoint.observers.arc import Correction, correction_of
+from trigpoint.observers.arc import LocalArc as LocalArc
 from trigpoint.observers.node_file import further, labelled, matrix
 
 KIND = "trigpoint/local-observer"
@@ -24,39 +26,8 @@ Exchange = Literal["held", "euler", "innovation-held", "discrete"]
 EXCHANGES: tuple[str, ...] = get_args(Exchange)
 """What ``step`` makes of a period; ``LocalObserver`` says what each means."""
 
-
-@dataclass(frozen=True, eq=False)
-class LocalArc:
-    """One arc as the node at one of its ends sees it.
-
-    The arc corrects the node's value by ``gain @ (sign * y + neighbour_output @ z_neighbour - output @ z_own)``; a
-    measurement of more than two nodes adds ``rows @ z`` for each pair in ``more``.
-
-    Attributes:
-        label: the measurement's number in the network: the key of its reading y; None where no reading belongs to the
-            arc, which then couples the node to what its neighbour says.
-        neighbour: name of the other end; None for the environment (then there is no ``z_neighbour``).
-        sign: +1 where the node is the arc's head, -1 where it is the tail.
-        gain: (n, p) correction gain, 1/s, the arc's weight included.
-        output: (p, n) own output rows.
-        neighbour_output: (p, n_j) the neighbour's output rows; None for the environment.
-        more: further neighbours of a measurement on more than two nodes, each with its (p, n_k) rows.
-    """
-
-    label: int | None
-    neighbour: str | None
-    sign: float
-    gain: FloatArray
-    output: FloatArray
-    neighbour_output: FloatArray | None
-    more: tuple[tuple[str, FloatArray], ...] = ()
-
-    @property
-    def heard(self) -> tuple[tuple[str, FloatArray], ...]:
-        """Everybody whose message the arc uses, each with the rows that it is multiplied by."""
-        if self.neighbour is None or self.neighbour_output is None:
-            return self.more
-        return ((self.neighbour, self.neighbour_output), *self.more)
+_KEPT = 256
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,12 +127,8 @@ class LocalObserver:
         u: FloatArray | None = None,
     ) -> FloatArray:
         """``z'`` (n,) for continuous exchange, from what the node hears and reads now."""
-        parts = self._parts(state.estimate, inbox, readings)
-        if parts is not None:
-            correction: FloatArray = self._stacked(tuple(len(part) for part in parts)) @ np.concatenate(parts)
-        else:
-            correction, _ = self._some_correction(state.estimate, inbox, readings)
-        return self.A @ state.estimate + self._drive(u) + correction
+        heard, parts = self._taken(state.estimate, inbox, readings)
+        return self.A @ state.estimate + self._drive(u) + self._correction(heard).matrix @ np.concatenate(parts)
 
     def step(
         self,
@@ -181,14 +148,9 @@ class LocalObserver:
         We assume: ``inbox`` holds each neighbour's latest message; messages of strangers are ignored.
         Source: theory 6-F2 (neighbour-held sampling), extended to moving agents; 6-F1, 6-F7.
         """
-        parts = self._parts(state.estimate, inbox, readings)
-        if parts is None:
-            correction, heard = self._some_correction(state.estimate, inbox, readings)
-            transition, drive, phi = self._maps(heard, float(duration))
-            value = transition @ state.estimate + phi @ correction
-        else:
-            whole, drive = self._whole_map(duration, tuple([part.shape[0] for part in parts]))
-            value = whole @ np.concatenate(parts)
+        heard, parts = self._taken(state.estimate, inbox, readings)
+        whole, drive = self._whole_map(heard, float(duration))
+        value = whole.dot(np.concatenate(parts))  # on so few numbers half the cost of @
         if u is not None:
             value = value + drive @ self._drive(u)
         if self.acceleration is not None:
@@ -232,64 +194,52 @@ class LocalObserver:
             )
         return self.B @ u
 
-    def _parts(
+    @cached_property
+    def _all(self) -> tuple[int, ...]:
+        return tuple(range(len(self.arcs)))
+
+    @cached_property
+    def _needs(self) -> tuple[tuple[int | None, frozenset[str]], ...]:
+        return tuple((arc.label, frozenset(name for name, _ in arc.heard)) for arc in self.arcs)
+
+    def _taken(
         self, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
-    ) -> list[FloatArray] | None:
-        """Own value, messages and readings, where nothing is missing; else None."""
+    ) -> tuple[tuple[int, ...], list[FloatArray]]:
+        """Positions of the arcs for which everything is there, and what they use: own value, messages, readings."""
         try:
             parts = [own, *[inbox[name].estimate for name in self.hears]]
-            return parts + [readings[label] for label in self._labels]
+            return self._all, parts + [readings[label] for label in self._labels]
         except KeyError:
-            return None
+            said = inbox.keys()
+            pairs = enumerate(self._needs)
+            heard = tuple([k for k, (label, names) in pairs if (label is None or label in readings) and said >= names])
+            used = self._correction(heard)
+            parts = [own, *[inbox[name].estimate for name in used.names]]
+            return heard, parts + [readings[label] for label in used.labels]
 
-    def _some_correction(
-        self, own: FloatArray, inbox: Mapping[str, Message], readings: Mapping[int, FloatArray]
-    ) -> tuple[FloatArray, tuple[int, ...]]:
-        """The sum over the arcs for which everything is there, and their positions."""
-        total, heard = np.zeros(self.n_states), []
-        for position, arc in enumerate(self.arcs):
-            innovation = _innovation(arc, own, inbox, readings)
-            if innovation is not None:
-                total += arc.gain @ innovation
-                heard.append(position)
-        return total, tuple(heard)
+    def _kept(self, key: Any, value: _T) -> _T:
+        # A memo, not a state: values depend on nothing but their keys and the frozen fields.
+        if len(self._memo) > _KEPT // (1 + len(self.arcs) // 16):  # what one hears of many seldom comes again
+            self._memo.clear()
+        self._memo[key] = value
+        return value
 
-    def _whole_map(self, duration: float, sizes: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-        """One step as one product on own value, messages and readings: nothing is missing."""
-        known = self._memo.get(duration)
-        if known is None or known[2] != sizes:
-            transition, drive, phi = self.maps(duration)
-            whole = phi @ self._stacked(sizes)  # a new array
-            whole[:, : self.n_states] += transition
-            known = self._memo[duration] = (whole, drive, sizes)
-        return known[0], known[1]
-
-    def _stacked(self, sizes: tuple[int, ...]) -> FloatArray:
-        """(n, sum of sizes): the correction's dependence on the own value, the messages and the readings."""
-        if sizes in self._memo:
-            known: FloatArray = self._memo[sizes]
-            return known
-        starts = np.concatenate([[0], np.cumsum(sizes)])
-        places = {key: slice(starts[k + 1], starts[k + 2]) for k, key in enumerate((*self.hears, *self._labels))}
-        total = np.zeros((self.n_states, int(starts[-1])))
-        for arc in self.arcs:
-            total[:, : self.n_states] -= arc.gain @ arc.output
-            for name, rows in arc.heard:
-                total[:, places[name]] += arc.gain @ rows
-            if arc.label is not None:
-                total[:, places[arc.label]] += arc.sign * arc.gain
-        self._memo[sizes] = total
-        return total
-
-    def _maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        # A memo, not a state: the maps depend on nothing but the arguments and the frozen fields.
+    def _whole_map(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray]:
+        """One step as one product on what the arcs that are ``heard`` use, and what multiplies ``B u``."""
         key = (heard, duration)
-        if key not in self._memo:
-            if len(self._memo) > 256:
-                self._memo.clear()
-            self._memo[key] = self._new_maps(heard, duration)
-        maps: tuple[FloatArray, FloatArray, FloatArray] = self._memo[key]
-        return maps
+        known: tuple[FloatArray, FloatArray] | None = self._memo.get(key)
+        if known is None:
+            transition, drive, phi = self._maps(heard, duration)
+            whole = phi @ self._correction(heard).matrix  # a new array
+            whole[:, : self.n_states] += transition
+            known = self._kept(key, (whole, drive))
+        return known
+
+    def _correction(self, heard: tuple[int, ...]) -> Correction:
+        known: Correction | None = self._memo.get(heard)
+        if known is None:
+            known = self._kept(heard, correction_of([self.arcs[k] for k in heard], self.n_states))
+        return known
 
     def maps(self, duration: float, *, alone: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
         """``(T, D, Phi)`` of ``z+ = T z + D B u + Phi correction`` over ``duration`` [s] when everybody is heard.
@@ -299,11 +249,11 @@ class LocalObserver:
         heard = tuple(k for k, arc in enumerate(self.arcs) if not (alone and arc.heard))
         return self._maps(heard, float(duration))
 
-    def _new_maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        identity = np.eye(self.n_states)
-        if self.exchange == "discrete":
-            return self.A, identity, identity
-        if self.exchange == "euler":
+    def _maps(self, heard: tuple[int, ...], duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        if self.exchange in ("discrete", "euler"):
+            identity = np.eye(self.n_states)
+            if self.exchange == "discrete":
+                return self.A, identity, identity
             return identity + duration * self.A, duration * identity, duration * identity
         transition, drive = transition_and_integral(self.A, duration)
         if self.exchange == "innovation-held":

@@ -47,6 +47,7 @@ class Series:
         x: (K,) ascending places.
         lines: name and (K,) values of each curve; NaN leaves a gap.
         log_y: logarithmic vertical axis.
+        caption: a sentence below, or nothing.
     """
 
     title: str
@@ -55,6 +56,7 @@ class Series:
     x: FloatArray
     lines: Mapping[str, FloatArray]
     log_y: bool = False
+    caption: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -217,6 +217,7 @@ def _series(times: FloatArray, cases: dict[int, Case], fifth: Case, gain_fig5: f
     norms = {names[anchors]: one.run.error_norm for anchors, one in cases.items()}
     inverse = {names[anchors]: np.where(one.connected, one.bound, np.nan) for anchors, one in cases.items()}
     places = {f"agent {k + 1}": fifth.run.truth[:, k, 0] for k in range(min(8, fifth.run.truth.shape[1]))}
+    gaps = "Gaps: some agent has no path to an anchor, so that lambda_min is 0."
     return (
         Series("Fig. 5, left: coordinate x", "time [s]", "x [m]", times, places),
         Series(
@@ -228,5 +229,5 @@ def _series(times: FloatArray, cases: dict[int, Case], fifth: Case, gain_fig5: f
             log_y=True,
         ),
         Series("Fig. 6, top: error norm", "time [s]", "error norm", times, norms, log_y=True),
-        Series("Fig. 6, bottom: 1/lambda_min(t)", "time [s]", "1/lambda_min", times, inverse),
+        Series("Fig. 6, bottom: 1/lambda_min(t)", "time [s]", "1/lambda_min", times, inverse, caption=gaps),
     )

@@ -58,6 +58,8 @@ class Staging:
         network = _Network(left, graph, places, believed, self._active(run, graph), _sizes(run))
         network.key(figure, self.unit)
         curve = _Curve(right, run, self)
+        if graph.is_external.any():
+            figure.text(0.02, 0.06, "in a ring: has an absolute reading", fontsize=7.5, color=_engines.MUTED)
         heading = figure.text(0.02, 0.95, "", fontsize=11.0, fontweight="bold", va="center")
         heading.set_parse_math(False)
 
@@ -166,11 +168,13 @@ class _Network:
 
 
 def _named(panel: Axes, graph: MeasurementGraph, places: FloatArray, diameter: float) -> list[Annotation]:
-    """The names of few nodes, each to the upper right, where the arcs of a grid leave room; none of many."""
+    """The names of few nodes, each to the upper right, where the arcs of a grid leave room; none of many.
+
+    Those of anchored nodes stand outside of their rings.
+    """
     if graph.n_nodes >= _NAMED:
         return []
     look: dict[str, Any] = {
-        "xytext": (0.45 * diameter + 1.5, 0.45 * diameter + 1.5),
         "textcoords": "offset points",
         "fontsize": 7.5,
         "zorder": 5,
@@ -178,8 +182,11 @@ def _named(panel: Axes, graph: MeasurementGraph, places: FloatArray, diameter: f
         "annotation_clip": False,
         "bbox": {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.7},
     }
-    pairs = zip(graph.names, places.tolist(), strict=True)
-    return [panel.annotate(shortened(name, 16), (x, y), **look) for name, (x, y) in pairs]
+    anchored = np.zeros(graph.n_nodes, dtype=bool)
+    anchored[graph.head[graph.is_external]] = True
+    gaps = np.where(anchored, 0.7, 0.45) * diameter + 1.5
+    rows = zip(graph.names, places.tolist(), gaps.tolist(), strict=True)
+    return [panel.annotate(shortened(name, 16), (x, y), xytext=(gap, gap), **look) for name, (x, y), gap in rows]
 
 
 def _frame(panel: Axes, places: FloatArray) -> None:

@@ -22,14 +22,17 @@ from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.stacked import Progress
 from trigpoint.simulation.topology import is_away
 from trigpoint.simulation.wire import Wire
-from trigpoint.simulation.world import World, padded
+from trigpoint.simulation.world import World, drawn_from, padded
 
 _SNAP = 1e-9
 
 
 @dataclass(eq=False)
 class _Node:
-    """A program and what it remembers between two of its acts."""
+    """A program and what it remembers between two of its acts.
+
+    ``sources`` are the nodes that it hears, each with the age [s] from which on its message is left out.
+    """
 
     index: int
     program: LocalObserver
@@ -44,6 +47,7 @@ class _Node:
     last_sent: Message | None = None
     away: bool = False
     place: FloatArray = field(default_factory=lambda: np.zeros(0))
+    sources: tuple[tuple[str, _Node, float], ...] = ()
 
     @property
     def known(self) -> FloatArray | None:
@@ -84,15 +88,19 @@ class EventRun:
         ]  # fmt: skip
         self._position = {node.name: k for k, node in enumerate(observer.nodes)}
         links = [(self._position[name], k) for k, node in enumerate(observer.nodes) for name in node.hears]
-        self._wire = Wire(links, self._channel, self._rng)
+        self._wire = Wire(links, self._channel, self._rng, len(observer.nodes))
+        for node in self._nodes:
+            senders = [(name, self._nodes[self._position[name]]) for name in node.program.hears]
+            node.sources = tuple((name, sender, self._oldest(sender)) for name, sender in senders)
         self._agenda = [(next(node.acts), node.index) for node in self._nodes]
         heapq.heapify(self._agenda)
         self._noise = (0.0, 0.0) if scenario.noise is None else (scenario.noise.measurement, scenario.noise.process)
         self._factors: dict[float, list[FloatArray]] = {}
         self._opened: tuple[bytes, set[tuple[int, int]]] | None = None
         if scenario.motion is not None:
+            self._seen = world.shown(self._truth)
             for node in self._nodes:
-                node.place = observer.channels.targets[node.index] @ self._truth
+                node.place = self._seen[node.index]
 
     def record(self, progress: Progress) -> Recorded:
         """Run to the last output time; Ctrl-C keeps what was computed."""
@@ -152,10 +160,10 @@ class EventRun:
         drawn = None
         if self._scenario.motion is not None:
             self._truth = self._scenario.motion.at(time).ravel()
+            self._seen = self._world.shown(self._truth)
         else:
             if self._noise[1]:
-                factors = self._factors_of(duration)
-                drawn = np.concatenate([factor @ self._rng.standard_normal(factor.shape[1]) for factor in factors])
+                drawn = drawn_from(self._factors_of(duration), self._rng)
             self._truth = self._world.advance(self._truth, duration, drawn)
         self._now = time
 
@@ -165,9 +173,8 @@ class EventRun:
         motion = self._scenario.motion
         if motion is None or not motion.known or node.away or time <= node.last_act:
             return state
-        now = self._observer.channels.targets[node.index] @ self._truth
         free = node.program.moved(node.place, time - node.last_act, node.known)
-        return LocalState(state.time, state.sequence, frozen(state.estimate + now - free))
+        return LocalState(state.time, state.sequence, frozen(state.estimate + self._seen[node.index] - free))
 
     def _factors_of(self, duration: float) -> list[FloatArray]:
         key = round(duration, 12)
@@ -179,7 +186,8 @@ class EventRun:
 
     def _settle(self, node: _Node, time: float) -> None:
         """The node's state is now what its last exchange led to; a node that comes back starts empty."""
-        away = is_away(self._scenario.absences, node.index, time)
+        absences = self._scenario.absences
+        away = bool(absences) and is_away(absences, node.index, time)
         if node.away and not away:
             node.state = LocalState(time, node.state.sequence + 1, frozen(np.zeros(node.program.n_states)))
             node.heard, node.last_sent = {}, None
@@ -187,7 +195,7 @@ class EventRun:
             node.state = self._state(node, time)
         node.away, node.last_act = away, time
         if self._scenario.motion is not None:
-            node.place = self._observer.channels.targets[node.index] @ self._truth
+            node.place = self._seen[node.index]
 
     def _exchange(self, acting: list[_Node], time: float) -> None:
         """Those who act speak; then what has arrived is heard, and everybody reads its own instruments."""
@@ -203,25 +211,21 @@ class EventRun:
                 heard[message.sender] = message
         deviation = self._noise[0]
         noise = deviation * self._rng.standard_normal(self._world.channels.C.shape[0]) if deviation else None
-        wanted = {
-            node.index: [label for label in node.program.reads if active is None or active[label]]
-            for node in acting
-            if not node.away
-        }
-        readings = self._world.read(self._truth, noise, {label for labels in wanted.values() for label in labels})
-        for node in acting:
-            if node.away:
-                continue
-            node.readings = {label: readings[label] for label in wanted[node.index]}
-            node.inbox = self._inbox(node, time)
+        reading = [node for node in acting if not node.away]
+        labels = {label for node in reading for label in node.program.reads if active is None or active[label]}
+        readings = self._world.read(self._truth, noise, labels)
+        moved: dict[tuple[Message, float], Message] = {}
+        for node in reading:
+            node.readings = {label: readings[label] for label in node.program.reads if label in readings}
+            node.inbox = self._inbox(node, time, moved)
 
     def _place(self) -> FloatArray:
         """True states (N, n), where losses depend on them."""
         return padded(self._world.shown(self._truth)) if self._channel.reach is not None else np.zeros((0, 0))
 
     def _said(self, node: _Node, time: float) -> Message | None:
-        message = node.program.emit(node.state)
-        message = Message(message.sender, message.sequence, node.clock.shows(time), message.estimate)
+        state = node.state
+        message = Message(node.program.name, state.sequence, node.clock.shows(time), state.estimate)
         trigger = self._scenario.trigger
         if trigger is not None and node.last_sent is not None and not self._worth(trigger, node, message, time):
             return None
@@ -251,24 +255,27 @@ class EventRun:
         away = {node.index for node in self._nodes if node.away} if self._scenario.absences else None
         return {link for link in self._opened[1] if not away.intersection(link)} if away else self._opened[1]
 
-    def _inbox(self, node: _Node, time: float) -> dict[str, Message]:
-        """What the node makes of the last messages it heard: the policy for old ones."""
-        channel, found, now = self._channel, {}, node.clock.shows(time)
-        for name in node.program.hears:
+    def _oldest(self, sender: _Node) -> float:
+        """The age from which on a message of the ``sender`` is left out: the policy for old ones."""
+        channel = self._channel
+        if channel.old == "drop":
+            return (1.0 - _SNAP) * sender.clock.period + channel.delay + channel.jitter
+        return np.inf if channel.stale is None else channel.stale * (1.0 + _SNAP)
+
+    def _inbox(self, node: _Node, time: float, moved: dict[tuple[Message, float], Message]) -> dict[str, Message]:
+        """What the node makes of the last messages it heard; many hear the same one, so that it is ``moved`` once."""
+        found, now, propagates = {}, node.clock.shows(time), self._channel.old == "propagate"
+        for name, sender, oldest in node.sources:
             message = node.heard.get(name)
-            if message is None:
+            if message is None or now - message.time > oldest:
                 continue
-            age = now - message.time
-            if channel.old == "drop":
-                successor = (1.0 - _SNAP) * self._nodes[self._position[name]].clock.period
-                if age > successor + channel.delay + channel.jitter:
-                    continue
-            elif channel.stale is not None and age > channel.stale * (1.0 + _SNAP):
-                continue
-            if channel.old == "propagate" and age > 0.0:
-                sender = self._nodes[self._position[name]]
-                value = sender.program.moved(message.estimate, age, sender.known)
-                message = Message(message.sender, message.sequence, now, frozen(value))
+            if propagates and message.time < now:
+                key = (message, now)
+                if key not in moved:
+                    value = sender.program.moved(message.estimate, now - message.time, sender.known)
+                    value.setflags(write=False)
+                    moved[key] = Message(message.sender, message.sequence, now, value)
+                message = moved[key]
             found[name] = message
         return found
 
@@ -284,5 +291,4 @@ class EventRun:
         return table
 
     def _counts(self) -> list[list[int]]:
-        count = range(len(self._nodes))
-        return [[table.get(k, 0) for k in count] for table in (self._wire.sent, self._wire.delivered, self._wire.bytes)]
+        return [list(table) for table in (self._wire.sent, self._wire.delivered, self._wire.bytes)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from trigpoint.simulation.clockwork import ticks
 from trigpoint.simulation.scenario import Scenario
 from trigpoint.simulation.stacked import Progress
 from trigpoint.simulation.wire import HEAD_BYTES
-from trigpoint.simulation.world import World, padded
+from trigpoint.simulation.world import World, drawn_from, padded
 
 Readings = dict[int, FloatArray]
 _Maps = tuple[sp.csr_array, FloatArray, sp.csr_array]
@@ -144,10 +144,9 @@ def sampled(observer: AssembledObserver, world: World, scenario: Scenario, how: 
                 value = engine.after(shown) + (known if shown else 0.0)
                 estimates.append(estimates_of(observer, value, readings if late == 0.0 else world.read(now)))
                 counts.append((tick.number, late))
-            drawn = [factor @ rng.standard_normal(factor.shape[1]) for factor in factors]
             moved, known = _later(world, scenario, truth, tick.number * how.period, how.period)
             engine.settle(how.period, known)
-            truth = moved + np.concatenate(drawn) if drawn else moved
+            truth = moved + drawn_from(factors, rng) if factors else moved
     except KeyboardInterrupt:
         if not estimates:
             raise
@@ -173,8 +172,8 @@ def traffic_of(
 ) -> Traffic:  # fmt: skip
     """Nobody loses anything: numbers follow from the exchanges before each output, and from the delay."""
     channel = scenario.channel or Channel()
-    links = [(sender, node.name) for node in observer.nodes for sender in node.hears]
-    sent = np.array([sum(sender == name for sender, _ in links) for name in observer.names], dtype=np.int64)
+    listeners = Counter(sender for node in observer.nodes for sender in node.hears)
+    sent = np.array([listeners[name] for name in observer.names], dtype=np.int64)
     received = np.array([len(node.hears) for node in observer.nodes], dtype=np.int64)
     size = [HEAD_BYTES + int(np.ceil(channel.bits_per_value * node.n_states / 8.0)) for node in observer.nodes]
     spoken = np.array([number + (late > 0.0) for number, late in counts], dtype=np.int64)

@@ -10,7 +10,7 @@ from trigpoint.simulation.channel import Channel
 from trigpoint.simulation.clockwork import Tick, ticks
 from trigpoint.simulation.exchanges import Readings, Recorded, Sampling, Start, estimates_of, traffic_of
 from trigpoint.simulation.scenario import Scenario
-from trigpoint.simulation.world import World, padded
+from trigpoint.simulation.world import World, drawn_from, padded
 
 
 def is_plain(scenario: Scenario) -> bool:
@@ -71,8 +71,7 @@ class _Course:
         self._states = later(self._period)
         self._moved(done, self._period)
         if self._factors:
-            drawn = [factor @ self._rng.standard_normal(factor.shape[1]) for factor in self._factors]
-            self._truth = self._truth + np.concatenate(drawn)
+            self._truth = self._truth + drawn_from(self._factors, self._rng)
 
     def _moved(self, done: float, until: float) -> float:
         """Move the truth from ``done`` to ``until`` seconds after the exchange; a map moves with the exchange only."""

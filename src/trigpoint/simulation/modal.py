@@ -10,6 +10,7 @@ import scipy.linalg as la
 
 from trigpoint.analysis.modes import largest_eigenvalue_bound, mode_matrices
 from trigpoint.arrays import FloatArray
+from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg import chebyshev
 from trigpoint.linalg.exponentials import exponentials
 from trigpoint.linalg.krylov import RationalKrylov
@@ -66,7 +67,7 @@ def continuous(
     """
     start = estimate - truth
     drive = constant_error(observer, plant, truth).reshape(start.shape)
-    problem = _Functions(observer, start, drive, scenario.times)
+    problem = _Functions(observer, observer.graph, start, drive, scenario.times)
     if observer.graph.n_nodes <= ALL_MODES:
         values, vectors = la.eigh(observer.graph.laplacian().toarray())
         columns = problem.columns
@@ -84,6 +85,7 @@ class _Functions:
     """What is applied to L: at each time a function of lambda with values (n, n), or (n, 2 n) with a drive."""
 
     observer: DiffusiveObserver
+    graph: MeasurementGraph
     start: FloatArray
     drive: FloatArray
     times: FloatArray
@@ -114,9 +116,26 @@ class _Functions:
         return np.asarray((self.at(values, index) @ coordinates[:, :, None])[:, :, 0])
 
 
+def moved(
+    observer: DiffusiveObserver, graph: MeasurementGraph, error: FloatArray, times: FloatArray, tolerance: float
+) -> tuple[list[FloatArray], float]:
+    """The ``error`` (N, n) at later ``times``, by series and Krylov spaces; and the estimated error of that.
+
+    Args:
+        observer: its agents, gain and injection.
+        graph: the part of its network that works.
+        error, times: where it begins, and seconds after that.
+        tolerance: relative to the norm of ``error``, as is the error estimate.
+    """
+    if not graph.n_arcs:
+        return [error @ exponentials(observer.agent.A * time).T for time in times.tolist()], 0.0
+    rows, engines = _large(_Functions(observer, graph, error, np.zeros_like(error), times), tolerance)
+    return rows, engines.error
+
+
 def _large(problem: _Functions, tolerance: float) -> tuple[list[FloatArray], Engines]:
     """Early times by series, the others by the engine that fits."""
-    graph = problem.observer.graph
+    graph = problem.graph
     matrix, ceiling = graph.laplacian(), largest_eigenvalue_bound(graph)
     fits = widest_level(matrix) <= WIDEST
     indices = range(problem.times.shape[0])
@@ -145,7 +164,7 @@ def _through_krylov(
     problem: _Functions, indices: list[int], ceiling: float, tolerance: float
 ) -> tuple[list[FloatArray], float]:
     """Grown pole by pole until a round over all poles changes no coordinate's sum by more than the tolerance."""
-    matrix, columns = problem.observer.graph.laplacian(), problem.columns
+    matrix, columns = problem.graph.laplacian(), problem.columns
     space = RationalKrylov(matrix, columns)
     poles = _poles(problem, indices, ceiling)
     steps = _STEPS if matrix.shape[0] <= 200_000 else _STEPS_AGAIN

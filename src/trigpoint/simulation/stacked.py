@@ -103,7 +103,7 @@ def sampled(
     disturbances = Disturbances.of(plant.problem, scenario)
     correct, maps = _innovation(observer), _Maps(observer, plant)
     states, estimates, sent = [], [], []
-    degree = np.array([observer.graph.neighbours(node).shape[0] for node in range(observer.graph.n_nodes)])
+    degree = _neighbour_counts(observer)
     try:
         for tick in progress(ticks(scenario.times, period)):
             readings = plant.read(truth, disturbances.of_readings())
@@ -118,6 +118,15 @@ def sampled(
         if not sent:
             raise
     return whole(states, estimates, sent)
+
+
+def _neighbour_counts(observer: DiffusiveObserver) -> IntArray:
+    """(N,) how many neighbours each node tells; parallel arcs join the same two."""
+    graph = observer.graph
+    inner = np.flatnonzero(~graph.is_external)
+    ends = np.sort(np.stack([graph.tail[inner], graph.head[inner]]), axis=0)
+    pairs = np.unique(np.ravel_multi_index((ends[0], ends[1]), (graph.n_nodes, graph.n_nodes)))
+    return np.bincount(np.concatenate(np.divmod(pairs, graph.n_nodes)), minlength=graph.n_nodes)
 
 
 def whole(states: list[FloatArray], estimates: list[FloatArray], sent: list[IntArray]) -> Series:

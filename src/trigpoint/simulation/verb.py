@@ -98,7 +98,7 @@ def _run_at_once(
     if path != "modal":
         return stacked.continuous(observer, plant, scenario, *start), None
     if changes(scenario):
-        return switched.continuous(observer, plant, scenario, *start), None
+        return switched.continuous(observer, plant, scenario, *start)
     return modal.continuous(observer, plant, scenario, *start)
 
 
