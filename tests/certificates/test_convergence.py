@@ -133,7 +133,8 @@ def test_a_rate_between_the_two_is_left_open_above_the_size_that_is_decided_as_a
     problem = tp.NetworkedAgents(tp.graphs.chain(200), AGENTS["double integrator"])
     observer = tp.design(problem, tp.methods.LocalKalman())
     assert record_of(Convergence(rate=1.1 * observer.decay_rate), observer).verdict == "inconclusive"
-    forged = replace(record_of(CLAIM, observer), witness={"P": np.eye(1000), "whole": np.ones(1)})
+    whole = {"P": np.eye(1000), "whole": np.ones(1)}
+    forged = replace(record_of(CLAIM, observer), numbers={"rate": 0.1, "lambda_floor": 0.0}, witness=whole)
     with pytest.raises(ProtocolError, match="'P' must be floats of shape"):
         judged(observer, forged)
 

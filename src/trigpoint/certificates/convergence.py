@@ -11,12 +11,12 @@ import numpy as np
 import scipy.linalg as la
 
 from trigpoint.analysis.eigenvalue import smallest_eigenvalue
-from trigpoint.analysis.modes import largest_eigenvalue_bound
 from trigpoint.arrays import FloatArray, at_least, at_most
 from trigpoint.certificates import growth, pairs, programs, structure
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.decrease import gain_range, mode_decreases, network_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
+from trigpoint.certificates.statics import largest_eigenvalue_by_degrees
 from trigpoint.linalg.balls import Ball, decays
 from trigpoint.linalg.fine import Fine
 from trigpoint.linalg.verified import is_positive_definite
@@ -53,6 +53,7 @@ class Convergence(Claim):
 
     rate: float | None = None
     name: ClassVar[str] = "convergence"
+    quantities: ClassVar[tuple[str, ...]] = ("rate", "lambda_floor")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
@@ -80,20 +81,22 @@ class Convergence(Claim):
                 return record
         if self.rate is not None and 0.0 < self.rate < np.inf and observer.states.total <= _WHOLE:
             H = network_ball(observer)
-            return self._decided(H, partial(Fine.of, H), self.rate, bound.lower)
+            return self._decided(H, partial(Fine.of, H), self.rate)
         text = f"no decay at {wanted:.9g} /s could be proved" if wanted > 0.0 else "no decay could be proved"
         return self._record("inconclusive", wanted, bound.lower, arrays, text)
 
-    def _decided(self, H: Ball, fine: Callable[[], Fine], rate: float, floor: float) -> ClaimRecord:
+    def _decided(self, H: Ball, fine: Callable[[], Fine], rate: float) -> ClaimRecord:
         """A ``rate`` proved or refuted on the whole error matrix."""
         pair = pairs.lyapunov_pair(H, fine, rate)
         if pair is not None:
             text = f"the error decays at least at {at_least(rate)} /s"
-            return self._record("certified", rate, floor, {**pair.arrays, "whole": _MARK}, text)
+            record = self._record("certified", rate, 0.0, {**pair.arrays, "whole": _MARK}, text)
+            if pair.rate == rate or pairs.proves(record, H, fine, rate):
+                return record
         growing = pairs.growing_witness(H, fine, rate)
         if growing is not None:
-            return self._record("refuted", rate, floor, {**growing, "whole": _MARK}, _slower(rate))
-        return self._record("inconclusive", rate, floor, {}, f"no decay at {rate:.9g} /s could be proved")
+            return self._record("refuted", rate, 0.0, {**growing, "whole": _MARK}, _slower(rate))
+        return self._record("inconclusive", rate, 0.0, {}, f"no decay at {rate:.9g} /s could be proved")
 
     def _check_programs(self, observer: AssembledObserver) -> ClaimRecord:
         """A Lyapunov pair of the assembled error matrix (theory 8-G5)."""
@@ -109,7 +112,7 @@ class Convergence(Claim):
             text = f"the error decays at least at {at_least(rate)} /s, through the exact zeros of the stored matrix"
             return self._record("certified", rate, 0.0, {"blocks": P}, text)
         if self.rate is not None and 0.0 < self.rate < np.inf:
-            return self._decided(H, fine, self.rate, 0.0)
+            return self._decided(H, fine, self.rate)
         pair = pairs.lyapunov_pair(H, fine, None) if self.rate is None else None
         if pair is None or not pair.rate > 0.0:
             return self._record("inconclusive", self.rate or 0.0, 0.0, {}, "no decay could be proved")
@@ -132,9 +135,11 @@ class Convergence(Claim):
         n, graph = observer.agent.n_states, observer.graph
         rate, floor = number(record, "rate"), number(record, "lambda_floor")
         if "whole" in record.witness:
-            fits = observer.states.total <= programs.DENSE_LIMIT and rate > 0.0
+            fits = observer.states.total <= programs.DENSE_LIMIT and rate > 0.0 and floor == 0.0
             H = network_ball(observer) if fits else None
             return _judged(record, H, partial(Fine.of, H), rate) if H is not None else "inconclusive"
+        if not record.witness:
+            return "inconclusive"
         P = witness(record, "P", (n, n))
         if "growing" in record.witness:
             return "refuted" if growth.proves(record, observer, rate, floor) else "inconclusive"
@@ -145,10 +150,11 @@ class Convergence(Claim):
             whole = (
                 np.asarray(np.kron(np.eye(graph.n_nodes), P)) if observer.states.total <= programs.DENSE_LIMIT else None
             )
-            return "certified" if whole is not None and decays(whole, network_ball(observer), rate) else "inconclusive"
+            proved = whole is not None and decays(whole, network_ball(observer), rate) and floor >= 0.0
+            return "certified" if proved and floor <= proved_floor(record, graph) else "inconclusive"
         if not 0.0 < floor <= proved_floor(record, graph):
             return "inconclusive"
-        ends = gain_range(observer, floor, largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+        ends = gain_range(observer, floor, largest_eigenvalue_by_degrees(graph))
         certified = all(mode_decreases(observer, P, rate, g) for g in ends)
         return "certified" if certified else "inconclusive"
 
@@ -161,6 +167,8 @@ def _verify_programs(record: ClaimRecord, observer: AssembledObserver) -> Outcom
     total, rate = observer.states.total, number(record, "rate")
     if total > programs.DENSE_LIMIT or not _is_continuous(observer) or not rate > 0.0:
         return "inconclusive"
+    if record.numbers.get("lambda_floor", 0.0) != 0.0:
+        return "inconclusive"  # a number that nothing here proves
     if not programs.error_is_autonomous(observer):
         return "inconclusive"
     H = programs.error_magnitude(observer)

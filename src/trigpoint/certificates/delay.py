@@ -23,6 +23,7 @@ from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
 _ASSUMPTIONS = ("continuous exchange; every innovation is late by one constant time, the same for all arcs",)
 _STEPS, _DENSE, _HALVINGS = 200, 600, 9
+_SLOWEST = 1e-300
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class DelayMargin(Claim):
 
     delay: float | None = None
     name: ClassVar[str] = "delay-margin"
+    quantities: ClassVar[tuple[str, ...]] = ("delay", "lambda_floor")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
@@ -93,6 +95,8 @@ class DelayMargin(Claim):
             return "inconclusive"
         if static_pull(observer) is None:
             return _verify_moving(record, observer, delay)
+        if "lambda_floor" in record.numbers:
+            return "inconclusive"  # a number that nothing here proves
         v = witness(record, "v", (observer.graph.n_nodes,))
         proved, excluded = _limits(observer, v)
         if delay > excluded:
@@ -128,8 +132,8 @@ def _longest(observer: DiffusiveObserver, ends: tuple[float, float]) -> float:
     size = float(np.linalg.norm(observer.agent.A, 2)) + ends[1] * float(
         np.linalg.norm(observer.injection @ observer.agent.C, 2)
     )
-    low, high = 1e-4 / size, 2.0 / size
-    if late.prove(observer, low, *ends) is None:
+    low, high = (1e-4 / size, 2.0 / size) if np.isfinite(size) and size > _SLOWEST else (0.0, 0.0)
+    if low == 0.0 or late.prove(observer, low, *ends) is None:
         return 0.0
     for _ in range(_HALVINGS):
         middle = float(np.sqrt(low * high))

@@ -25,6 +25,7 @@ class Locality(Claim):
     """
 
     name: ClassVar[str] = "locality"
+    quantities: ClassVar[tuple[str, ...]] = ()
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, exactly
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.statics import largest_eigenvalue_upper, static_pull
 from trigpoint.errors import ArgumentError
@@ -22,6 +22,7 @@ _ASSUMPTIONS = (
     "stated probability, for both its ends, independently of all others and of the past",
 )
 _EXACT = 50
+_SMALLEST, _LARGEST = 2.0**-900, 2.0**100  # beyond them a product might be lost before a large weight multiplies it
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class MeanSquareStability(Claim):
     arrival: float = 1.0
     period: float = 0.0
     name: ClassVar[str] = "mean-square-stability"
+    quantities: ClassVar[tuple[str, ...]] = ("arrival", "period")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
@@ -58,7 +60,7 @@ class MeanSquareStability(Claim):
         numbers = {"arrival": self.arrival, "period": self.period}
         step = _step(observer, self.period)
         if step is None or not isinstance(observer, DiffusiveObserver):
-            text = "known for static scalar agents only (A = 0, one state)"
+            text = "known for static scalar agents only (A = 0, one state), and for steps that floats can hold"
             return ClaimRecord(self.name, "inconclusive", numbers, _ASSUMPTIONS, text, {})
         arrays: dict[str, FloatArray] = {}
         if observer.graph.n_nodes <= _EXACT:
@@ -66,7 +68,8 @@ class MeanSquareStability(Claim):
         record = ClaimRecord(self.name, "inconclusive", numbers, _ASSUMPTIONS, "", arrays)
         verdict = self.verify(record, problem, observer)
         words = {"certified": "vanishes", "refuted": "does not vanish", "inconclusive": "is undecided"}[verdict]
-        text = f"the mean square {words} when arcs work with probability {self.arrival:g} every {self.period:g} s"
+        text = f"the mean square {words} when arcs work with probability {exactly(self.arrival)}"
+        text += f" every {exactly(self.period)} s"
         return ClaimRecord(self.name, verdict, numbers, _ASSUMPTIONS, text, arrays)
 
     @staticmethod
@@ -86,7 +89,9 @@ class MeanSquareStability(Claim):
         if graph.n_nodes > _EXACT or "X" not in record.witness:
             return "inconclusive"
         X = witness(record, "X", (graph.n_nodes, graph.n_nodes))
-        if not is_positive_definite(X):
+        if not (is_positive_definite(X) and 1.0 / _LARGEST < float(np.abs(X).max()) < _LARGEST):
+            return "inconclusive"
+        if not (step[0] * arrival > _SMALLEST and step[1] * load < _LARGEST):
             return "inconclusive"
         image, error = _Moment.of(observer, step[1], arrival).with_error(X, (step[1] - step[0]) / step[1])
         rest = X - 0.5 * (image + image.T)
@@ -105,7 +110,9 @@ def _step(observer: NetworkObserver, period: float) -> tuple[float, float] | Non
     pull = static_pull(observer)
     if pull is None or observer.agent.n_states != 1:
         return None
-    return period * observer.gain * pull[0] * (1.0 - 1e-14), period * observer.gain * pull[1] * (1.0 + 1e-14)
+    together = period * observer.gain
+    low, high = together * pull[0] * (1.0 - 1e-14), together * pull[1] * (1.0 + 1e-14)
+    return (low, high) if together > _SMALLEST and low > _SMALLEST and np.isfinite(high) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +144,7 @@ class _Moment:
         spread = p * (1.0 - p) * (self.step * self.weight) ** 2
         bound = M @ size @ M + (G * (spread * np.einsum("ik,ij,jk->k", G, size, G, optimize=True))) @ G.T
         share = gam(8.0 * N + 4.0 * arcs + 64.0) + 4.0 * relative
-        return self.apply(X), np.asarray(share * bound * (1.0 + 1e-6))
+        return self.apply(X), np.asarray(share * bound * (1.0 + 1e-6) + 1e-60)  # 1e-60: whatever underflowed
 
 
 def _witness(moment: _Moment) -> FloatArray:

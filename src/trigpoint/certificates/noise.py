@@ -16,6 +16,7 @@ from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.convergence import lyapunov_matrix
 from trigpoint.certificates.decrease import gain_range, mode_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
+from trigpoint.certificates.statics import largest_eigenvalue_by_degrees
 from trigpoint.errors import ArgumentError
 from trigpoint.linalg.balls import Ball, is_positive
 from trigpoint.linalg.equations import near_singular_allowed
@@ -48,6 +49,7 @@ class NoiseBudget(Claim):
 
     mu: float | None = None
     name: ClassVar[str] = "noise-budget"
+    quantities: ClassVar[tuple[str, ...]] = ("mu", "per_node", "lambda_floor")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
@@ -95,7 +97,7 @@ class NoiseBudget(Claim):
             return "inconclusive"
         if not (graph.is_externally_connected and 0.0 < floor <= proved_floor(record, graph)):
             return "inconclusive"
-        ends = gain_range(observer, floor, largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+        ends = gain_range(observer, floor, largest_eigenvalue_by_degrees(graph))
         return "certified" if all(_bounds(observer, X, mu, g) for g in ends) else "inconclusive"
 
 

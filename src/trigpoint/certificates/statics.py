@@ -29,12 +29,21 @@ def static_pull(observer: DiffusiveObserver) -> tuple[float, float] | None:
     return down(float(factors.min())), up(float(factors.max()))
 
 
+def largest_eigenvalue_by_degrees(graph: MeasurementGraph) -> float:
+    """Rigorous upper bound of ``lambda_max`` of a ``graph`` with scalar weights, whatever the number of its arcs.
+
+    Source: theory 8-G4.
+    """
+    # A degree is a sum of at most as many weights as there are arcs, a bound one of two degrees.
+    return up(largest_eigenvalue_bound(graph) * (1.0 + float(gam(4.0 * graph.n_arcs + 16.0))))
+
+
 def largest_eigenvalue_upper(graph: MeasurementGraph) -> float:
     """Rigorous upper bound of ``lambda_max`` of ``graph``: ``s I - L > 0`` verified up to 600 nodes, else by degrees.
 
     Source: Rump (2006), key Rump2006; theory 8-G4.
     """
-    by_degrees = up(largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+    by_degrees = largest_eigenvalue_by_degrees(graph)
     if graph.n_nodes > _DENSE:
         return by_degrees
     L = graph.laplacian().toarray()

@@ -57,6 +57,7 @@ class SwitchingStability(Claim):
     ceiling: float | None = None
     max_nodes: int | None = None
     name: ClassVar[str] = "switching-stability"
+    quantities: ClassVar[tuple[str, ...]] = ("rate", "floor", "ceiling", "max_nodes")
     assumptions: ClassVar[tuple[str, ...]] = (*_ASSUMPTIONS, _FAMILY)
 
     @staticmethod
@@ -88,9 +89,9 @@ class SwitchingStability(Claim):
         P = lyapunov_matrix(observer)
         gains = observer.gain * np.array([floor, ceiling])
         ends = mode_matrices(observer.agent.A, observer.injection, observer.agent.C, gains)
-        best = min(float(la.eigh(-(P @ M + M.T @ P), P, eigvals_only=True)[0]) / 2.0 for M in ends)
+        best = min(_decay(P, M) for M in ends)
         nodes = float(self.max_nodes or 0)
-        for margin in (1e-9, 1e-6, 1e-3, 0.1):
+        for margin in (1e-9, 1e-6, 1e-3, 0.1) if np.isfinite(best) else ():
             rate = best - margin * abs(best)
             # the range is a premise: it is narrowed, not widened
             text = f"decays at least at {at_least(rate)} /s under any switching with "
@@ -107,6 +108,7 @@ class SwitchingStability(Claim):
                 record = replace(record, witness=growing)
                 if self.verify(record, problem, observer) == "refuted":
                     return record
+        best = best if np.isfinite(best) else 0.0
         text = f"no common decay could be proved (best computed rate {best:.3g} /s)"
         return self._record("inconclusive", (best, floor, ceiling, nodes), P, text)
 
@@ -134,6 +136,15 @@ class SwitchingStability(Claim):
         return "certified" if all(mode_decreases(observer, P, rate, g) for g in ends) else "inconclusive"
 
 
+def _decay(P: FloatArray, M: FloatArray) -> float:
+    """Computed rate at which ``e' P e`` decreases along M; -inf where it cannot be computed."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        drift = -(P @ M + M.T @ P)
+    if not np.isfinite(drift).all():
+        return -np.inf
+    return float(la.eigh(drift, P, eigvals_only=True)[0]) / 2.0
+
+
 def _growing(observer: DiffusiveObserver, g: float) -> dict[str, FloatArray] | None:
     mode = mode_ball(observer, g)
     found = pairs.growing_witness(mode, partial(Fine.of, mode), 0.0)
@@ -143,7 +154,7 @@ def _growing(observer: DiffusiveObserver, g: float) -> dict[str, FloatArray] | N
 def _grows(record: ClaimRecord, observer: DiffusiveObserver, P: FloatArray, ends: tuple[float, float]) -> bool:
     """Prove that the mode of one end of the range does not decay: a network of one node has that eigenvalue."""
     v = witness(record, "growing", P.shape[:1])
-    if not 0.0 < ends[0] <= ends[1]:
+    if not (0.0 < ends[0] <= ends[1] and number(record, "rate") >= 0.0):
         return False
     enclosures = (gain_range(observer, end, end) for end in ends)
     return any(all(pairs.grows(P, v, mode_ball(observer, g), 0.0) for g in pair) for pair in enclosures)

@@ -80,6 +80,18 @@ def parse_json(text: str, path: object) -> Any:
         raise FileFormatError(path, f"the JSON cannot be read ({error})") from None
 
 
+def refuse_repeated_keys(text: str, path: object) -> None:
+    """Refuse JSON in which an object has a key twice: readers differ in which of the two they take."""
+
+    def once(pairs: list[tuple[str, Any]]) -> None:
+        keys = [key for key, _ in pairs]
+        if len(set(keys)) != len(keys):
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise FileFormatError(path, f"has the key {twice[:40]!r} twice in one object; leave one of them out")
+
+    json.loads(text, object_pairs_hook=once)
+
+
 def nodelink_from_document(document: Any, path: object) -> Network | MeasurementGraph:
     """Turn a parsed JSON node-link document into a network (or a bare graph without values)."""
     return from_attributes(_parse_document(document, path), path)
