@@ -39,7 +39,9 @@ def decode_array(document: Any, name: str = "array") -> NDArray[Any]:
     if not isinstance(kind, str) or kind not in _TYPES or not isinstance(text, str):
         raise ProtocolError(f"{name} has type {kind!r}; expected one of {sorted(_TYPES)}")
     if not isinstance(shape, list) or len(shape) > _MOST_AXES:
-        raise ProtocolError(f"{name} has the shape {str(shape)[:80]}; expected a list of at most {_MOST_AXES} numbers")
+        raise ProtocolError(
+            f"{name} has the shape {str(shape)[:80]}; expected a list of whole numbers, at most {_MOST_AXES}"
+        )
     if not all(type(k) is int and 0 <= k < _LARGEST for k in shape):
         raise ProtocolError(f"{name} has the shape {shape!r}; expected a list of whole numbers")
     try:

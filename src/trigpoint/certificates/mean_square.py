@@ -21,7 +21,7 @@ _ASSUMPTIONS = (
     "Euler exchanges e+ = e - period gain L_k e of static scalar states; at every exchange each arc works with the "
     "stated probability, for both its ends, independently of all others and of the past",
 )
-_EXACT = 50
+_EXACT, _MOST_ARCS = 50, 5000
 _SMALLEST, _LARGEST = 2.0**-900, 2.0**100  # beyond them a product might be lost before a large weight multiplies it
 
 
@@ -31,7 +31,8 @@ class MeanSquareStability(Claim):
 
     The second moment moves by ``S(X) = M X M + s^2 p (1 - p) sum w_k^2 g_k g_k' X g_k g_k'``, ``M = I - s p L``,
     ``s = period gain k c``, a positive map: ``X > 0`` with ``X - S(X) > 0`` proves its spectral radius below 1, with
-    ``S(X) - X > 0`` above 1. Both are verified up to 50 nodes; above, ``s (p lambda_max + 2 max w (1 - p)) < 2``.
+    ``S(X) - X > 0`` above 1. Both are verified up to 50 nodes and 5000 arcs; above,
+    ``s (p lambda_max + 2 max w (1 - p)) < 2``.
 
     Args:
         arrival: probability p that an arc works, 0 < p <= 1.
@@ -63,7 +64,7 @@ class MeanSquareStability(Claim):
             text = "known for static scalar agents only (A = 0, one state), and for steps that floats can hold"
             return ClaimRecord(self.name, "inconclusive", numbers, _ASSUMPTIONS, text, {})
         arrays: dict[str, FloatArray] = {}
-        if observer.graph.n_nodes <= _EXACT:
+        if observer.graph.n_nodes <= _EXACT and observer.graph.n_arcs <= _MOST_ARCS:
             arrays["X"] = _witness(_Moment.of(observer, step[1], self.arrival))
         record = ClaimRecord(self.name, "inconclusive", numbers, _ASSUMPTIONS, "", arrays)
         verdict = self.verify(record, problem, observer)
@@ -86,7 +87,7 @@ class MeanSquareStability(Claim):
         load = arrival * largest_eigenvalue_upper(graph) + 2.0 * heaviest * (1.0 - arrival)
         if up(step[1] * load * (1.0 + 1e-9)) < 2.0:
             return "certified"
-        if graph.n_nodes > _EXACT or "X" not in record.witness:
+        if graph.n_nodes > _EXACT or graph.n_arcs > _MOST_ARCS or "X" not in record.witness:
             return "inconclusive"
         X = witness(record, "X", (graph.n_nodes, graph.n_nodes))
         if not (is_positive_definite(X) and 1.0 / _LARGEST < float(np.abs(X).max()) < _LARGEST):

@@ -27,7 +27,8 @@ from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
 _ASSUMPTIONS = (
     "continuous exchange without delay or loss",
-    "white noise: intensity mu^2 E E' on every agent (mu^2 I without E), and mu^2 I / w_k on the reading of arc k",
+    "independent white noise: intensity mu^2 E E' on every agent (mu^2 I without E), and mu^2 I / w_k on the reading "
+    "of arc k",
 )
 _INFLATIONS = (1e-9, 1e-6, 1e-3, 0.03, 0.3)
 

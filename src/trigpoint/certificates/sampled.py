@@ -78,7 +78,9 @@ class SampledStability(Claim):
             if P is not None and is_positive_definite(P) and contracts(P, M, factor):
                 text = f"contracts by {at_most(factor)} from exchange to exchange at a period of {exactly(period)} s"
                 return self._record("certified", period, factor, {"P": P}, text)
-        text = f"no contraction could be proved at a period of {exactly(period)} s (computed spectral radius {radius:.9g})"
+        text = (
+            f"no contraction could be proved at a period of {exactly(period)} s (computed spectral radius {radius:.9g})"
+        )
         return self._record("inconclusive", period, radius if np.isfinite(radius) else 0.0, {}, text)
 
     def _check_modes(self, observer: NetworkObserver, split: _Modes, period: float) -> ClaimRecord:
@@ -96,7 +98,8 @@ class SampledStability(Claim):
                 record = replace(record, numbers={**record.numbers, "lambda_floor": bound.lower})
                 if _verify_modes(record, observer, period, factor) == "certified":
                     return record
-        text = f"no contraction could be proved at a period of {exactly(period)} s (largest modal radius {verdict.radius:.9g})"
+        text = f"no contraction could be proved at a period of {exactly(period)} s"
+        text += f" (largest modal radius {verdict.radius:.9g})"
         return self._record("inconclusive", period, verdict.radius, {}, text)
 
     def _record(

@@ -9,6 +9,7 @@ value is a bare ``MeasurementGraph``.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -86,7 +87,7 @@ def refuse_repeated_keys(text: str, path: object) -> None:
     def once(pairs: list[tuple[str, Any]]) -> None:
         keys = [key for key, _ in pairs]
         if len(set(keys)) != len(keys):
-            twice = next(key for key in keys if keys.count(key) > 1)
+            twice, _ = Counter(keys).most_common(1)[0]
             raise FileFormatError(path, f"has the key {twice[:40]!r} twice in one object; leave one of them out")
 
     json.loads(text, object_pairs_hook=once)
