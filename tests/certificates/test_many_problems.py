@@ -11,6 +11,7 @@ import pytest
 import scipy.linalg as la
 
 import trigpoint as tp
+from tests.certificates.delays import crossings, is_stable_with
 from tests.certificates.exact import (
     PI_ABOVE,
     PI_BELOW,
@@ -145,6 +146,16 @@ def delay(rng: np.random.Generator) -> Judged:
     return DelayMargin(late).check(observer.problem, observer).verdict, true
 
 
+def late_agents(rng: np.random.Generator) -> Judged:
+    """Agents that move: a delay near the first at which a root of some mode meets the imaginary axis."""
+    names = ["decaying", "unstable", "double integrator", "oscillator", "driven oscillator"]
+    observer = _observer(rng, AGENTS[names[int(rng.integers(len(names)))]], 0.5)
+    while not (decays_faster(observer, exact(0.0)) and crossings(observer)):
+        observer = _observer(rng, AGENTS[names[int(rng.integers(len(names)))]], 0.5)
+    late = float(min(first for first, _, _ in crossings(observer))) * (1.0 + _distance(rng))
+    return DelayMargin(late).check(observer.problem, observer).verdict, is_stable_with(observer, late)
+
+
 KINDS: dict[str, Callable[[np.random.Generator], Judged]] = {
     "smallest-eigenvalue": smallest,
     "convergence": convergence,
@@ -152,6 +163,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Judged]] = {
     "switching-stability, two states": range_of_two_states,
     "switching-stability, two states, a given function": common_function,
     "delay-margin": delay,
+    "delay-margin, agents that move": late_agents,
 }
 
 

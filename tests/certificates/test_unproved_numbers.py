@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import trigpoint as tp
-from tests.certificates.oracle import AGENTS
+from tests.certificates.oracle import AGENTS, drawn_graph, eigenvalues
 from tests.certificates.test_forged_claims import DEEP, MOVING, STATIC
 from trigpoint.arrays import at_least, at_most, digest_of, exactly
 from trigpoint.certificates import (
@@ -28,7 +28,7 @@ from trigpoint.certificates import (
     certify,
     verify,
 )
-from trigpoint.certificates.statics import largest_eigenvalue_by_degrees
+from trigpoint.certificates.statics import eigenvalue_near, largest_eigenvalue_by_degrees
 from trigpoint.certificates.verb import Verdict
 from trigpoint.errors import FileFormatError, ProtocolError
 from trigpoint.linalg.modular import stays_and_is_unseen
@@ -201,3 +201,16 @@ def test_the_sizes_of_a_witness_are_no_excuse() -> None:
     boast = dataclasses.replace(certificate.records[0], numbers={"rate": 1.0})
     with pytest.raises(ProtocolError, match="has no number"):
         verify(dataclasses.replace(certificate, records=(boast,)), *STATIC)
+
+
+def test_an_eigenvalue_is_in_the_interval_around_any_quotient() -> None:
+    rng = np.random.default_rng(9)
+    for _ in range(40):
+        graph = drawn_graph(rng, int(rng.integers(1, 6)), float(rng.choice([0.0, 3.0])))
+        true = eigenvalues(graph)
+        vectors = np.linalg.eigh(graph.laplacian().toarray())[1]
+        for v in (*vectors.T, rng.normal(size=graph.n_nodes) * 1e-300, 1e300 * np.ones(graph.n_nodes)):
+            near = eigenvalue_near(graph, v)
+            assert near is not None
+            assert any(near[0] <= value <= near[1] for value in true)
+        assert eigenvalue_near(graph, np.zeros(graph.n_nodes)) is None
