@@ -115,6 +115,7 @@ FORGERIES = [
     Forgery(SampledStability(0.05), MOVING, {"factor": 1.0}, lambda _: {}),  # the constants' claim, for moving agents
     Forgery(DelayMargin(), STATIC, {"delay": 10.0}),
     Forgery(DelayMargin(), MOVING, {"delay": 10.0}),
+    Forgery(DelayMargin(), designed("two outputs"), {"delay": 10.0}),
     Forgery(MeanSquareStability(0.5, 0.1), STATIC, {"period": 10.0}),
     Forgery(NoiseBudget(0.1), MOVING, {"mu": 10.0}),
     Forgery(NoiseBudget(0.1), MOVING, {"per_node": 1e-9}),
@@ -184,6 +185,7 @@ HONEST: list[tuple[Claim, Case]] = [
     (SampledStability(0.05), MOVING),
     (DelayMargin(), STATIC),
     (DelayMargin(), MOVING),
+    (DelayMargin(), designed("two outputs")),
     (MeanSquareStability(0.5, 0.45), SMALL_WORLD),  # beyond the sufficient bound, which needs no witness
     (NoiseBudget(), MOVING),
     (CovarianceBound(), MOVING),

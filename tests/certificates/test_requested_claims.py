@@ -41,6 +41,8 @@ STATIC = watts_strogatz()
 HIGHEST = float(np.linalg.eigvalsh(STATIC[0].graph.laplacian().toarray())[-1])
 GRID = tp.NetworkedAgents(tp.graphs.grid(3, 3, anchors=(0,)), AGENTS["oscillator"])
 MOVING = (GRID, tp.design(GRID, tp.methods.LocalKalman()))
+_TWO = tp.NetworkedAgents(GRID.graph, AGENTS["two outputs"])
+TWO_OUTPUTS = (_TWO, tp.design(_TWO, tp.methods.LocalKalman()))
 
 
 @pytest.mark.parametrize(("arrival", "limit"), [(1.0, 0.2627), (0.5, 0.4604), (0.2, 0.7282)])
@@ -157,10 +159,10 @@ def test_no_late_claim_holds_where_no_gain_does() -> None:
     assert DelayMargin().check(GRID, observer).verdict == "refuted"  # it grows without any delay
     floating = tp.NetworkedAgents(tp.graphs.chain(3, anchors=()), AGENTS["oscillator"])
     assert DelayMargin(0.01).check(floating, dataclasses.replace(MOVING[1], problem=floating)).verdict == "inconclusive"
-    record = DelayMargin(0.001).check(*MOVING)
+    record = DelayMargin(0.001).check(*TWO_OUTPUTS)
     short = dataclasses.replace(record, witness={**record.witness, "edges": record.witness["edges"][:1]})
     with pytest.raises(ProtocolError, match="'edges' must hold 2 to 1000 numbers"):
-        DelayMargin.verify(short, *MOVING)
+        DelayMargin.verify(short, *TWO_OUTPUTS)
 
 
 def test_static_agents_that_hold_are_stable_at_every_period() -> None:
@@ -308,7 +310,8 @@ CLAIMED = [
     (CovarianceBound(), MOVING, "total", 0.9),
     (CovarianceBound(), MOVING, "process", 1.5),
     (CovarianceBound(), MOVING, "measurement", 1.5),
-    (DelayMargin(), MOVING, "delay", 1.6),
+    (DelayMargin(), MOVING, "delay", 1.26),
+    (DelayMargin(), TWO_OUTPUTS, "delay", 1.6),
 ]
 
 
