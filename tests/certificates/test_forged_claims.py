@@ -80,6 +80,15 @@ def blind() -> Case:
     return plant, tp.design(plant, tp.methods.CouplingGain(rate=0.5))
 
 
+def with_blocks() -> Case:
+    """Weight blocks: no modes to split into."""
+    graph = tp.graphs.grid(2, 2, anchors=(3,))
+    weight = np.stack([np.array([[1.0, 0.2 * k], [0.2 * k, 1.5]]) for k in range(graph.n_arcs)])
+    problem = tp.NetworkedAgents(graph.with_weight(weight), AGENTS["two outputs"])
+    return problem, tp.design(problem, tp.methods.LocalKalman())
+
+
+WHOLE = with_blocks()
 STATIC, MOVING, SMALL_WORLD = designed("static"), designed("double integrator"), watts_strogatz()
 GROWING, HELD, DEEP = unstable(), programs("innovation-held"), cascade()
 
@@ -103,7 +112,8 @@ FORGERIES = [
     Forgery(SmallestEigenvalue(), STATIC, {"lower": 0.5, "upper": 0.6}),
     Forgery(SmallestEigenvalue(), STATIC, {"lower": 1e-3, "upper": 2e-3}),
     Forgery(Convergence(), MOVING, {"rate": 5.0}),
-    Forgery(Convergence(0.55), MOVING, {"rate": 5.0}),  # proved on the whole network
+    Forgery(Convergence(0.55), MOVING, {"rate": 5.0}),  # proved mode by mode
+    Forgery(Convergence(0.99), WHOLE, {"rate": 5.0}),  # proved on the whole network
     Forgery(Convergence(), GROWING, {}, dict, designed("unstable")),
     Forgery(Convergence(0.8), DEEP, {"rate": 1.2}),
     Forgery(Locality(), stranger(), {}, dict, STATIC),
@@ -179,6 +189,7 @@ HONEST: list[tuple[Claim, Case]] = [
     (SmallestEigenvalue(), STATIC),
     (Convergence(), MOVING),
     (Convergence(0.55), MOVING),
+    (Convergence(0.99), WHOLE),
     (Convergence(0.8), DEEP),
     (SwitchingStability(), MOVING),
     (SampledStability(0.05), HELD),

@@ -11,7 +11,7 @@ import pytest
 
 import trigpoint as tp
 from tests.certificates.oracle import AGENTS, drawn_graph, eigenvalues
-from tests.certificates.test_forged_claims import DEEP, MOVING, STATIC
+from tests.certificates.test_forged_claims import DEEP, MOVING, STATIC, WHOLE
 from trigpoint.arrays import at_least, at_most, digest_of, exactly
 from trigpoint.certificates import (
     CLAIMS,
@@ -62,7 +62,7 @@ def test_every_claim_names_its_numbers() -> None:
     ("claim", "given"),
     [
         (Convergence(0.8), DEEP),
-        (Convergence(0.55), MOVING),
+        (Convergence(0.99), WHOLE),
         (Convergence(0.1), (BLOCKS, tp.design(BLOCKS, tp.methods.LocalKalman()))),
         (SampledStability(0.05), MOVING),
         (SampledStability(0.05), STATIC),

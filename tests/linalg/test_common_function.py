@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trigpoint.linalg.common_function import common_functions
+from trigpoint.linalg.common_function import common_functions, functions_at
 
 
 def rate(P: np.ndarray, F: np.ndarray) -> float:
@@ -45,3 +45,14 @@ def test_a_single_matrix_needs_no_gain_and_nonsense_has_no_function() -> None:
         assert max(rate(P, F) for P in common_functions(F, B, C)) > 0.85
     assert common_functions(-F, np.ones((2, 1)), np.ones((1, 2))) == []
     assert common_functions(np.full((2, 2), np.inf), np.ones((2, 1)), np.ones((1, 2))) == []
+
+
+def test_functions_of_a_given_rate_decrease_at_it_or_are_none() -> None:
+    F, B, C = np.array([[0.0, 1.0], [-2.0, -2.0]]), np.array([[0.0], [1.0]]), np.array([[0.3, 0.1]])
+    for wanted in (0.1, 0.5, 0.99):
+        found = functions_at(F, B, C, wanted)
+        assert all(min(rate(P, F + s * B @ C) for s in (-1.0, 1.0)) >= wanted for P in found)
+        assert bool(found) == (wanted < 0.9)
+    assert functions_at(F, B, C, 1.5) == []
+    assert functions_at(F, 1e300 * B, 1e-8 * C, 0.1) == []
+    assert functions_at(np.full((2, 2), np.nan), B, C, 0.1) == []

@@ -10,9 +10,9 @@ from typing import ClassVar
 import numpy as np
 import scipy.linalg as la
 
-from trigpoint.analysis.eigenvalue import smallest_eigenvalue
+from trigpoint.analysis.eigenvalue import EigenvalueBound, smallest_eigenvalue
 from trigpoint.arrays import FloatArray, at_least, at_most
-from trigpoint.certificates import growth, pairs, programs, structure
+from trigpoint.certificates import growth, pairs, piecewise, programs, structure
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.decrease import gain_range, mode_decreases, network_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
@@ -42,8 +42,9 @@ class Convergence(Claim):
     proved as a whole up to 600 states, and so are observers given by programs: ``P H + H' P + 2 rate P < 0`` for
     the assembled error matrix H, after a proof that the truth does not drive the error; block by block where the
     stored H is block triangular after a permutation; by the factors of P where its condition exceeds what a matrix of
-    floats can hold (deep cascades). A rate that is asked for and that no common P proves is decided on the whole of H
-    up to 300 states, and refuted where an indefinite P shows an eigenvalue to the right of it.
+    floats can hold (deep cascades). A rate that is asked for and that no common P proves is proved mode by mode, with a
+    P for each piece of the spectrum, any number of nodes; or decided on the whole of H up to 300 states, and refuted
+    where an indefinite P shows an eigenvalue to the right of it.
 
     Args:
         rate: the rate to prove, 1/s; the design's guaranteed rate, less a hair for rounding, unless given.
@@ -79,11 +80,24 @@ class Convergence(Claim):
             record = self._record("refuted", max(wanted, 0.0), bound.lower, slower, _slower(wanted))
             if self.verify(record, problem, observer) == "refuted":
                 return record
+        pieces = self._by_pieces(observer, bound)
+        if pieces is not None:
+            return pieces
         if self.rate is not None and 0.0 < self.rate < np.inf and observer.states.total <= _WHOLE:
             H = network_ball(observer)
             return self._decided(H, partial(Fine.of, H), self.rate)
         text = f"no decay at {wanted:.9g} /s could be proved" if wanted > 0.0 else "no decay could be proved"
         return self._record("inconclusive", wanted, bound.lower, arrays, text)
+
+    def _by_pieces(self, observer: DiffusiveObserver, bound: EigenvalueBound) -> ClaimRecord | None:
+        """A rate that is asked for, proved mode by mode."""
+        if self.rate is None or not 0.0 < self.rate < np.inf or observer.graph.dimension > 1 or not bound.lower > 0.0:
+            return None
+        arrays = piecewise.prove(observer, self.rate, piecewise.spectrum(observer, bound.lower))
+        if arrays is None:
+            return None
+        text = f"the error decays at least at {at_least(self.rate)} /s, mode by mode"
+        return self._record("certified", self.rate, bound.lower, {**arrays, "x": bound.witness}, text)
 
     def _decided(self, H: Ball, fine: Callable[[], Fine], rate: float) -> ClaimRecord:
         """A ``rate`` proved or refuted on the whole error matrix."""
@@ -140,6 +154,8 @@ class Convergence(Claim):
             return _judged(record, H, partial(Fine.of, H), rate) if H is not None else "inconclusive"
         if not record.witness:
             return "inconclusive"
+        if "edges" in record.witness:
+            return "certified" if piecewise.proves(record, observer, rate) else "inconclusive"
         P = witness(record, "P", (n, n))
         if "growing" in record.witness:
             return "refuted" if growth.proves(record, observer, rate, floor) else "inconclusive"

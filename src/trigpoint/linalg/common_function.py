@@ -8,6 +8,7 @@ import scipy.linalg as la
 from trigpoint.arrays import FloatArray
 
 _SHARES = (0.5, 0.1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 0.9)
+_RISES = (0.3, 0.05, 1e-3)
 _BISECTIONS = 50
 _AXIS = 1e-9
 
@@ -24,11 +25,7 @@ def common_functions(F: FloatArray, B: FloatArray, C: FloatArray) -> list[FloatA
     """
     if not all(np.isfinite(matrix).all() for matrix in (F, B, C)):
         return []
-    if not (B.any() and C.any()):  # one matrix: any Lyapunov equation serves
-        B, C = np.zeros_like(F), np.eye(F.shape[0])
-    else:
-        size = float(np.sqrt(np.linalg.norm(C) / np.linalg.norm(B)))
-        B, C = B * size, C / size
+    B, C = _balanced(F, B, C)
     high = -float(np.linalg.eigvals(F).real.max())
     if not high > 0.0 or _meets_the_axis(_hamiltonian(F, B, C, 0.0)):
         return []
@@ -40,12 +37,36 @@ def common_functions(F: FloatArray, B: FloatArray, C: FloatArray) -> list[FloatA
     return [P for P in found if P is not None]
 
 
+def functions_at(F: FloatArray, B: FloatArray, C: FloatArray, rate: float) -> list[FloatArray]:
+    """The same of a given ``rate``: P of a few rates between it and the decay of F, the largest first.
+
+    Args: ``F`` (n, n), ``B`` (n, p), ``C`` (p, n). Cost: some five eigenvalue problems of size 2n.
+    """
+    if not all(np.isfinite(matrix).all() for matrix in (F, B, C)):
+        return []
+    B, C = _balanced(F, B, C)
+    gap = -float(np.linalg.eigvals(F).real.max()) - rate
+    matrices = [_hamiltonian(F, B, C, rate + share * gap) for share in _RISES if gap > 0.0]
+    found = [_solution(H) for H in matrices if not _meets_the_axis(H)]
+    return [P for P in found if P is not None]
+
+
+def _balanced(F: FloatArray, B: FloatArray, C: FloatArray) -> tuple[FloatArray, FloatArray]:
+    if not (B.any() and C.any()):  # one matrix: any Lyapunov equation serves
+        return np.zeros_like(F), np.eye(F.shape[0])
+    size = float(np.sqrt(np.abs(C).max()) / np.sqrt(np.abs(B).max()))
+    return B * size, C / size
+
+
 def _hamiltonian(F: FloatArray, B: FloatArray, C: FloatArray, rate: float) -> FloatArray:
     shifted = F + rate * np.eye(F.shape[0])
-    return np.block([[shifted, B @ B.T], [-C.T @ C, -shifted.T]])
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.block([[shifted, B @ B.T], [-C.T @ C, -shifted.T]])
 
 
 def _meets_the_axis(H: FloatArray) -> bool:
+    if not np.isfinite(H).all():  # nothing is known of it
+        return True
     values = np.linalg.eigvals(H)
     return bool((np.abs(values.real) <= _AXIS * np.abs(values).max()).any())
 
