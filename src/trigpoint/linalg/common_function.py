@@ -73,13 +73,12 @@ def _meets_the_axis(H: FloatArray) -> bool:
 
 def _solution(H: FloatArray) -> FloatArray | None:
     n = H.shape[0] // 2
-    _, vectors, stable = la.schur(H, sort="lhp")
-    if stable != n:
-        return None
-    upper, lower = vectors[:n, :n], vectors[n:, :n]
     try:
-        P = np.linalg.solve(upper.T, lower.T)
-    except np.linalg.LinAlgError:
+        _, vectors, stable = la.schur(H, sort="lhp")
+        P = np.linalg.solve(vectors[:n, :n].T, vectors[n:, :n].T)
+    except np.linalg.LinAlgError:  # too close to the axis to be told from it
+        return None
+    if stable != n:
         return None
     P = 0.5 * (P + P.T)
     largest = float(np.abs(P).max())
