@@ -64,13 +64,13 @@ def _positive_roots(a: mpmath.mpf, b: mpmath.mpf, c: mpmath.mpf) -> Polynomial:
     return [x for x in ((-b - mpmath.sqrt(square)) / (2 * a), (-b + mpmath.sqrt(square)) / (2 * a)) if x > 0]
 
 
-def is_stable_with(observer: DiffusiveObserver, delay: float) -> bool:
+def is_stable_with(found: list[tuple[mpmath.mpf, mpmath.mpf, int]], delay: float) -> bool:
     """Is the error stable with this delay, being stable without one? More crossings to the right than back: no."""
     with mpmath.workdps(DIGITS):
         late = mpmath.mpf(delay)
         counts = [
             direction * (int(mpmath.floor((late - first) / period)) + 1)
-            for first, period, direction in crossings(observer)
+            for first, period, direction in found
             if first < late
         ]
     return sum(counts) <= 0

@@ -112,8 +112,8 @@ FORGERIES = [
     Forgery(SmallestEigenvalue(), STATIC, {"lower": 0.5, "upper": 0.6}),
     Forgery(SmallestEigenvalue(), STATIC, {"lower": 1e-3, "upper": 2e-3}),
     Forgery(Convergence(), MOVING, {"rate": 5.0}),
-    Forgery(Convergence(0.55), MOVING, {"rate": 5.0}),  # proved mode by mode
-    Forgery(Convergence(0.99), WHOLE, {"rate": 5.0}),  # proved on the whole network
+    Forgery(Convergence(0.55), MOVING, {"rate": 5.0}),  # proved on the whole network
+    Forgery(Convergence(0.99), WHOLE, {"rate": 5.0}),  # the same, with weight blocks
     Forgery(Convergence(), GROWING, {}, dict, designed("unstable")),
     Forgery(Convergence(0.8), DEEP, {"rate": 1.2}),
     Forgery(Locality(), stranger(), {}, dict, STATIC),

@@ -150,10 +150,10 @@ def late_agents(rng: np.random.Generator) -> Judged:
     """Agents that move: a delay near the first at which a root of some mode meets the imaginary axis."""
     names = ["decaying", "unstable", "double integrator", "oscillator", "driven oscillator"]
     observer = _observer(rng, AGENTS[names[int(rng.integers(len(names)))]], 0.5)
-    while not (decays_faster(observer, exact(0.0)) and crossings(observer)):
+    while not (decays_faster(observer, exact(0.0)) and (found := crossings(observer))):
         observer = _observer(rng, AGENTS[names[int(rng.integers(len(names)))]], 0.5)
-    late = float(min(first for first, _, _ in crossings(observer))) * (1.0 + _distance(rng))
-    return DelayMargin(late).check(observer.problem, observer).verdict, is_stable_with(observer, late)
+    late = float(min(first for first, _, _ in found)) * (1.0 + _distance(rng))
+    return DelayMargin(late).check(observer.problem, observer).verdict, is_stable_with(found, late)
 
 
 KINDS: dict[str, Callable[[np.random.Generator], Judged]] = {

@@ -24,7 +24,7 @@ from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
-_WHOLE = 300
+_SMALL, _WHOLE = 60, 300
 _MARK = np.ones(1)
 _ASSUMPTIONS = (
     "continuous exchange without delay or loss",
@@ -43,8 +43,8 @@ class Convergence(Claim):
     the assembled error matrix H, after a proof that the truth does not drive the error; block by block where the
     stored H is block triangular after a permutation; by the factors of P where its condition exceeds what a matrix of
     floats can hold (deep cascades). A rate that is asked for and that no common P proves is proved mode by mode, with a
-    P for each piece of the spectrum, any number of nodes; or decided on the whole of H up to 300 states, and refuted
-    where an indefinite P shows an eigenvalue to the right of it.
+    P for each piece of the spectrum, above 60 states and for any number of nodes; or decided on the whole of H up to
+    300 states, and refuted where an indefinite P shows an eigenvalue to the right of it.
 
     Args:
         rate: the rate to prove, 1/s; the design's guaranteed rate, less a hair for rounding, unless given.
@@ -80,7 +80,7 @@ class Convergence(Claim):
             record = self._record("refuted", max(wanted, 0.0), bound.lower, slower, _slower(wanted))
             if self.verify(record, problem, observer) == "refuted":
                 return record
-        pieces = self._by_pieces(observer, bound)
+        pieces = self._by_pieces(observer, bound) if observer.states.total > _SMALL else None
         if pieces is not None:
             return pieces
         if self.rate is not None and 0.0 < self.rate < np.inf and observer.states.total <= _WHOLE:

@@ -90,7 +90,10 @@ def refuse_repeated_keys(text: str, path: object) -> None:
             twice, _ = Counter(keys).most_common(1)[0]
             raise FileFormatError(path, f"has the key {twice[:40]!r} twice in one object; leave one of them out")
 
-    json.loads(text, object_pairs_hook=once)
+    try:
+        json.loads(text, object_pairs_hook=once)
+    except RecursionError as error:
+        raise FileFormatError(path, f"the JSON cannot be read ({error})") from None
 
 
 def nodelink_from_document(document: Any, path: object) -> Network | MeasurementGraph:
