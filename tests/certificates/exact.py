@@ -80,3 +80,37 @@ def _is_hurwitz(coefficients: list[flint.fmpq]) -> bool:
         following = [a - factor * b for a, b in zip(upper[1:], [*lower[1:], *[0] * len(upper)], strict=False)]
         upper, lower = lower, following
     return True
+
+
+Pair = tuple[flint.fmpq_mat, flint.fmpq_mat]
+
+
+def modes(observer: DiffusiveObserver, ends: tuple[float, float], rate: float = 0.0) -> Pair:
+    """``A - gain lambda K C + rate I`` at both ends of a range of eigenvalues."""
+    A, pull = matrix(observer.agent.A), matrix(observer.injection) * matrix(observer.agent.C)
+    n = observer.agent.n_states
+    shift = matrix(np.eye(n)) * exact(rate)
+    low, high = (A - pull * (exact(observer.gain) * exact(end)) + shift for end in ends)
+    return low, high
+
+
+def decreases(P: np.ndarray, pair: Pair) -> bool:
+    """Is P > 0 and ``P F + F' P < 0`` at both ends?"""
+    p = matrix(P)
+    drifts = [p * F + F.transpose() * p for F in pair]
+    return _is_definite(p.tolist()) and all(_is_definite((-drift).tolist()) for drift in drifts)
+
+
+def have_a_common_function(pair: Pair) -> bool:
+    """Is there a P for both of two 2 x 2 matrices? Both Hurwitz, and neither ``F1 F2`` nor ``F1 F2^-1`` has a negative
+    eigenvalue. Source: ShortenNarendra2002.
+    """
+    first, second = pair
+    if any(F[0, 0] + F[1, 1] >= 0 or F.det() <= 0 for F in pair):
+        return False
+    return not any(_has_a_negative_eigenvalue(M) for M in (first * second, first * second.inv()))
+
+
+def _has_a_negative_eigenvalue(M: flint.fmpq_mat) -> bool:
+    trace, det = M[0, 0] + M[1, 1], M.det()
+    return bool(det < 0 or (trace < 0 and trace * trace >= 4 * det))

@@ -111,7 +111,8 @@ def test_a_rate_above_what_one_matrix_for_all_modes_allows_is_decided_on_the_who
         record = record_of(Convergence(rate=rate), observer)
         assert (record.verdict, record.numbers["rate"]) == (verdict, rate)
         assert judged(observer, record) == verdict
-        assert verdict == "refuted" or ("whole" in record.witness) == (rate > observer.decay_rate)
+        apart = "edges" in record.witness or "whole" in record.witness
+        assert verdict == "refuted" or apart == (rate > observer.decay_rate)
 
 
 def test_where_the_fastest_mode_is_the_slow_one_the_whole_network_refutes() -> None:
@@ -129,11 +130,39 @@ def test_where_the_fastest_mode_is_the_slow_one_the_whole_network_refutes() -> N
         assert judged(observer, spoilt) == "inconclusive"
 
 
-def test_a_rate_between_the_two_is_left_open_above_the_size_that_is_decided_as_a_whole() -> None:
+@pytest.mark.parametrize("agent", ["double integrator", "driven oscillator", "two outputs"])
+def test_a_rate_above_the_guaranteed_one_is_proved_mode_by_mode_whatever_the_number_of_nodes(agent: str) -> None:
+    problem = tp.NetworkedAgents(tp.graphs.grid(40, 40, anchors=(0,)), AGENTS[agent])
+    observer = tp.design(problem, tp.methods.LocalKalman())
+    assert observer.spectral_abscissa is not None
+    true = -observer.spectral_abscissa
+    assert 0.999 * true > 1.02 * observer.decay_rate
+    record = record_of(Convergence(rate=0.999 * true), observer)
+    assert record.verdict == "certified"
+    assert "edges" in record.witness
+    assert judged(observer, record) == "certified"
+    assert record_of(Convergence(rate=1.001 * true), observer).verdict != "certified"
+    edges, P = record.witness["edges"], record.witness["P"]
+    for numbers, arrays in (
+        ({"rate": 1.001 * true}, {}),
+        ({"lambda_floor": 1.1 * record.numbers["lambda_floor"]}, {}),
+        ({}, {"P": -P}),
+        ({}, {"P": np.broadcast_to(np.eye(2), P.shape)}),
+        ({}, {"edges": edges + 0.1 * edges[0]}),
+        ({}, {"edges": 0.9 * edges}),
+        ({}, {"edges": edges[::-1]}),
+    ):
+        forged = replace(record, numbers={**record.numbers, **numbers}, witness={**record.witness, **arrays})
+        assert judged(observer, forged) == "inconclusive"
+    with pytest.raises(ProtocolError, match="'edges' must hold 2 to 1000 numbers"):
+        judged(observer, replace(record, witness={**record.witness, "edges": edges[:1]}))
+
+
+def test_a_matrix_for_the_whole_has_the_size_of_the_whole() -> None:
     problem = tp.NetworkedAgents(tp.graphs.chain(200), AGENTS["double integrator"])
     observer = tp.design(problem, tp.methods.LocalKalman())
-    assert record_of(Convergence(rate=1.1 * observer.decay_rate), observer).verdict == "inconclusive"
-    forged = replace(record_of(CLAIM, observer), witness={"P": np.eye(1000), "whole": np.ones(1)})
+    whole = {"P": np.eye(1000), "whole": np.ones(1)}
+    forged = replace(record_of(CLAIM, observer), numbers={"rate": 0.1, "lambda_floor": 0.0}, witness=whole)
     with pytest.raises(ProtocolError, match="'P' must be floats of shape"):
         judged(observer, forged)
 

@@ -80,6 +80,15 @@ def blind() -> Case:
     return plant, tp.design(plant, tp.methods.CouplingGain(rate=0.5))
 
 
+def with_blocks() -> Case:
+    """Weight blocks: no modes to split into."""
+    graph = tp.graphs.grid(2, 2, anchors=(3,))
+    weight = np.stack([np.array([[1.0, 0.2 * k], [0.2 * k, 1.5]]) for k in range(graph.n_arcs)])
+    problem = tp.NetworkedAgents(graph.with_weight(weight), AGENTS["two outputs"])
+    return problem, tp.design(problem, tp.methods.LocalKalman())
+
+
+WHOLE = with_blocks()
 STATIC, MOVING, SMALL_WORLD = designed("static"), designed("double integrator"), watts_strogatz()
 GROWING, HELD, DEEP = unstable(), programs("innovation-held"), cascade()
 
@@ -104,6 +113,7 @@ FORGERIES = [
     Forgery(SmallestEigenvalue(), STATIC, {"lower": 1e-3, "upper": 2e-3}),
     Forgery(Convergence(), MOVING, {"rate": 5.0}),
     Forgery(Convergence(0.55), MOVING, {"rate": 5.0}),  # proved on the whole network
+    Forgery(Convergence(0.99), WHOLE, {"rate": 5.0}),  # the same, with weight blocks
     Forgery(Convergence(), GROWING, {}, dict, designed("unstable")),
     Forgery(Convergence(0.8), DEEP, {"rate": 1.2}),
     Forgery(Locality(), stranger(), {}, dict, STATIC),
@@ -115,6 +125,7 @@ FORGERIES = [
     Forgery(SampledStability(0.05), MOVING, {"factor": 1.0}, lambda _: {}),  # the constants' claim, for moving agents
     Forgery(DelayMargin(), STATIC, {"delay": 10.0}),
     Forgery(DelayMargin(), MOVING, {"delay": 10.0}),
+    Forgery(DelayMargin(), designed("two outputs"), {"delay": 10.0}),
     Forgery(MeanSquareStability(0.5, 0.1), STATIC, {"period": 10.0}),
     Forgery(NoiseBudget(0.1), MOVING, {"mu": 10.0}),
     Forgery(NoiseBudget(0.1), MOVING, {"per_node": 1e-9}),
@@ -178,12 +189,14 @@ HONEST: list[tuple[Claim, Case]] = [
     (SmallestEigenvalue(), STATIC),
     (Convergence(), MOVING),
     (Convergence(0.55), MOVING),
+    (Convergence(0.99), WHOLE),
     (Convergence(0.8), DEEP),
     (SwitchingStability(), MOVING),
     (SampledStability(0.05), HELD),
     (SampledStability(0.05), MOVING),
     (DelayMargin(), STATIC),
     (DelayMargin(), MOVING),
+    (DelayMargin(), designed("two outputs")),
     (MeanSquareStability(0.5, 0.45), SMALL_WORLD),  # beyond the sufficient bound, which needs no witness
     (NoiseBudget(), MOVING),
     (CovarianceBound(), MOVING),

@@ -180,3 +180,51 @@ def test_the_error_matrix_and_the_gains_of_the_readings_are_enclosed() -> None:
         assert abs(truth - Fraction(fine.middle.item()) - Fraction(fine.low.item())) <= Fraction(fine.radius.item())
         assert fine.radius.item() < 1e-24
         assert abs(K - Fraction(read.middle.item())) <= Fraction(read.radius.item())
+
+
+def test_a_step_that_underflows_before_heavy_weights_multiply_it_is_no_small_step() -> None:
+    """``period gain = 1e-400`` is 0 in floats; with the pull 1e300 and the weight 1e300 the step is 1e200."""
+    for weight, arrival, period in ((1e300, 1.0, 1e-200), (1.7e308, 1.0, 1e-200), (1e300, 1e-320, 1e-200)):
+        graph = tp.MeasurementGraph(1, [tp.EXTERNAL], [0], [weight])
+        problem = tp.NetworkedAgents(graph, tp.LinearAgent(NONE, 1e150 * ONE))
+        observer = DiffusiveObserver("hostile", problem, 1e150 * ONE, 1e-200, 1e-9, None, {})
+        assert MeanSquareStability(arrival, period).check(problem, observer).verdict == "inconclusive"
+
+
+def test_a_witness_of_an_extreme_second_moment_proves_nothing() -> None:
+    problem = tp.NetworkedAgents(tp.graphs.chain(2), AGENTS["static"])
+    observer = DiffusiveObserver("plain", problem, ONE, 1.0, 0.1, None, {})
+    record = MeanSquareStability(0.5, 0.88).check(problem, observer)
+    assert record.verdict == "certified"
+    for size in (1e-200, 1e200):
+        forged = dataclasses.replace(record, witness={"X": size * record.witness["X"]})
+        assert MeanSquareStability.verify(forged, problem, observer) == "inconclusive"
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("seed", range(12))
+def test_observers_of_any_numbers_end_with_an_outcome(seed) -> None:
+    """Entries from 1e-300 to 1e300: no error, no claim that its own check does not confirm, no false rate."""
+    rng = np.random.default_rng(seed)
+    size = float(rng.choice([10.0, 100.0, 300.0]))
+
+    def drawn(*shape: int) -> np.ndarray:
+        return rng.choice([-1.0, 1.0], shape) * 10.0 ** rng.uniform(-size, size, shape)
+
+    n = int(rng.integers(1, 3))
+    agent = tp.LinearAgent(drawn(n, n) * (rng.random() < 0.5), np.abs(drawn(1, n)))
+    graph = tp.graphs.chain(2).with_weight(np.abs(drawn(2)))
+    problem = tp.NetworkedAgents(graph, agent)
+    observer = DiffusiveObserver("hostile", problem, np.abs(drawn(n, 1)), float(np.abs(drawn(1))[0]), 0.1, None, {})
+    level = float(np.abs(drawn(1))[0])
+    claims = (
+        *(Convergence(level), Convergence(), SwitchingStability(), SampledStability(level), DelayMargin()),
+        *(DelayMargin(level), NoiseBudget(), NoiseBudget(level), CovarianceBound(level, 1.0)),
+    )
+    with np.errstate(all="ignore"):
+        for claim in claims:
+            record = claim.check(problem, observer)
+            assert claim.verify(record, problem, observer) == record.verdict
+            if isinstance(claim, Convergence) and record.verdict != "inconclusive":
+                true = decays_faster(observer, exact(record.numbers["rate"]))
+                assert record.verdict == ("certified" if true else "refuted")

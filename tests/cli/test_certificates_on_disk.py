@@ -15,7 +15,10 @@ import pytest
 from tests.cli.shelled import SCENARIO, json_of, refused, trigpoint, written
 from trigpoint.arrays import digest_of, encode_array
 from trigpoint.certificates import CLAIMS
+from trigpoint.cli.designing import _beside
+from trigpoint.errors import FileFormatError
 from trigpoint.io import text
+from trigpoint.model import NetworkedAgents
 
 DOCUMENTS = ("certificate.json", "problem.json", "observer.json")
 
@@ -347,3 +350,14 @@ def test_claims_on_request(folder: Path) -> None:
     refused(trigpoint("certify", observer, "--arrival", "0.5"), "--arrival needs --period")
     lossy = trigpoint("certify", observer, "--arrival", "0.9", "--period", "0.01", "--json")
     assert "mean-square-stability" in lossy.stdout
+
+
+def test_a_problem_nested_as_deep_as_can_be_read_is_refused_like_any_other(folder: Path) -> None:
+    """What is read at the edge of the recursion limit may be too deep for the second look, and for its digest."""
+    path = folder / "problem.json"
+    plain = path.read_text().rstrip()
+    digest = json.loads((folder / "certificate.json").read_text())["problem"]
+    for depth in range(800, 1000):
+        path.write_text(plain[:-1] + ', "extra": ' + '{"a":' * depth + "0" + "}" * depth + "}")
+        with pytest.raises(FileFormatError):
+            _beside(folder / "certificate.json", "problem", digest, (NetworkedAgents,))

@@ -245,3 +245,24 @@ def test_other_refusals_of_simulate() -> None:
     programs = tp.design(static, tp.methods.LocalKalman()).as_programs()
     with pytest.raises(ShapeError, match="must hold the 3 readings"):
         simulate(static, programs, Scenario([0.0, 1.0], measurements=[1.0, 2.0]))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"neighbour": "nobody"}, "hears 'nobody', which is no node"),
+        ({"label": 99}, "uses reading 99; the problem has"),
+        ({"label": -1}, "uses reading -1; the problem has"),
+        ({"label": None, "output": np.ones((1, 7))}, r"a matrix of shape \(1, 7\)"),
+        ({"gain": np.ones((1, 5)), "output": np.ones((5, 1))}, r"by a gain of shape \(1, 5\)"),
+    ],
+)
+def test_what_the_problem_does_not_have_is_an_error_where_the_observer_is_made(change, words) -> None:
+    problem = tp.NetworkedAgents(tp.graphs.chain(2), tp.LinearAgent.static())
+    observer = tp.design(problem, tp.methods.LocalKalman()).as_programs()
+    first = observer.nodes[0]
+    inner = next(k for k, arc in enumerate(first.arcs) if arc.heard)
+    arcs = [dataclasses.replace(arc, **change) if k == inner else arc for k, arc in enumerate(first.arcs)]
+    odd = dataclasses.replace(first, arcs=tuple(arcs), _memo={})
+    with pytest.raises(ArgumentError, match=words):
+        dataclasses.replace(observer, nodes=(odd, *observer.nodes[1:]))

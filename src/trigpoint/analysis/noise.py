@@ -26,8 +26,10 @@ def mu_star(gain: float, lambda_min: float) -> float:
 
     Args: ``gain`` g and ``lambda_min`` l. Source: G16, Theorem 5, equation (19), clipped at 1 (E-000-3).
     """
-    level = (2.0 * gain * lambda_min - 1.0) / (gain**2 * lambda_min)
-    return min(1.0, float(np.sqrt(level))) if level > 0.0 else 0.0
+    strength = gain * lambda_min
+    if not strength > 0.5:
+        return 0.0
+    return min(1.0, float(np.sqrt((2.0 * strength - 1.0) / (gain * strength))))
 
 
 def gain_interval(mu: float, lambda_min: float) -> tuple[float, float] | None:

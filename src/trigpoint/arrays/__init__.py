@@ -11,7 +11,7 @@ from trigpoint.arrays.core import (
     require_finite,
 )
 from trigpoint.arrays.exponential import expm, propagate, transition_and_integral
-from trigpoint.arrays.rounding import at_least, at_most
+from trigpoint.arrays.rounding import at_least, at_most, exactly
 from trigpoint.arrays.text import decode_array, digest_of, encode_array
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "decode_array",
     "digest_of",
     "encode_array",
+    "exactly",
     "expm",
     "frozen",
     "propagate",

@@ -21,6 +21,12 @@ def at_most(value: float, digits: int = DIGITS) -> str:
     return _directed(value, digits, ROUND_CEILING)
 
 
+def exactly(value: float) -> str:
+    """``value`` as the shortest text that reads back as the same number: for what is no bound."""
+    text = repr(float(value) + 0.0)
+    return text.removesuffix(".0")
+
+
 def _directed(value: float, digits: int, rounding: str) -> str:
     shortest = Decimal(repr(float(value) + 0.0))  # never -0
     if not shortest.is_finite():

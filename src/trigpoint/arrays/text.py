@@ -16,6 +16,7 @@ from trigpoint.errors import ArgumentError, ProtocolError
 
 _TYPES = {"f8": "<f8", "i8": "<i8"}
 _LARGEST = 2**31
+_MOST_AXES = 8
 
 
 def encode_array(array: NDArray[Any]) -> dict[str, Any]:
@@ -37,7 +38,11 @@ def decode_array(document: Any, name: str = "array") -> NDArray[Any]:
     kind, shape, text = document["type"], document["shape"], document["base64"]
     if not isinstance(kind, str) or kind not in _TYPES or not isinstance(text, str):
         raise ProtocolError(f"{name} has type {kind!r}; expected one of {sorted(_TYPES)}")
-    if not isinstance(shape, list) or not all(type(k) is int and 0 <= k < _LARGEST for k in shape):
+    if not isinstance(shape, list) or len(shape) > _MOST_AXES:
+        raise ProtocolError(
+            f"{name} has the shape {str(shape)[:80]}; expected a list of whole numbers, at most {_MOST_AXES}"
+        )
+    if not all(type(k) is int and 0 <= k < _LARGEST for k in shape):
         raise ProtocolError(f"{name} has the shape {shape!r}; expected a list of whole numbers")
     try:
         data = base64.b64decode(text, validate=True)

@@ -22,9 +22,11 @@ class Claim(ABC):
     Attributes:
         name: what records call it.
         assumptions: what it takes for granted, in words; a record that says otherwise is refused.
+        quantities: the numbers that it speaks of, by name; a record that holds another is refused.
     """
 
     name: ClassVar[str]
+    quantities: ClassVar[tuple[str, ...]]
     assumptions: ClassVar[tuple[str, ...]]
 
     @staticmethod

@@ -10,13 +10,13 @@ from typing import ClassVar
 import numpy as np
 import scipy.linalg as la
 
-from trigpoint.analysis.eigenvalue import smallest_eigenvalue
-from trigpoint.analysis.modes import largest_eigenvalue_bound
+from trigpoint.analysis.eigenvalue import EigenvalueBound, smallest_eigenvalue
 from trigpoint.arrays import FloatArray, at_least, at_most
-from trigpoint.certificates import growth, pairs, programs, structure
+from trigpoint.certificates import growth, pairs, piecewise, programs, structure
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.decrease import gain_range, mode_decreases, network_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
+from trigpoint.certificates.statics import largest_eigenvalue_by_degrees
 from trigpoint.linalg.balls import Ball, decays
 from trigpoint.linalg.fine import Fine
 from trigpoint.linalg.verified import is_positive_definite
@@ -24,7 +24,7 @@ from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
-_WHOLE = 300
+_SMALL, _WHOLE = 60, 300
 _MARK = np.ones(1)
 _ASSUMPTIONS = (
     "continuous exchange without delay or loss",
@@ -42,8 +42,9 @@ class Convergence(Claim):
     proved as a whole up to 600 states, and so are observers given by programs: ``P H + H' P + 2 rate P < 0`` for
     the assembled error matrix H, after a proof that the truth does not drive the error; block by block where the
     stored H is block triangular after a permutation; by the factors of P where its condition exceeds what a matrix of
-    floats can hold (deep cascades). A rate that is asked for and that no common P proves is decided on the whole of H
-    up to 300 states, and refuted where an indefinite P shows an eigenvalue to the right of it.
+    floats can hold (deep cascades). A rate that is asked for and that no common P proves is proved mode by mode, with a
+    P for each piece of the spectrum, above 60 states and for any number of nodes; or decided on the whole of H up to
+    300 states, and refuted where an indefinite P shows an eigenvalue to the right of it.
 
     Args:
         rate: the rate to prove, 1/s; the design's guaranteed rate, less a hair for rounding, unless given.
@@ -53,6 +54,7 @@ class Convergence(Claim):
 
     rate: float | None = None
     name: ClassVar[str] = "convergence"
+    quantities: ClassVar[tuple[str, ...]] = ("rate", "lambda_floor")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
@@ -78,22 +80,37 @@ class Convergence(Claim):
             record = self._record("refuted", max(wanted, 0.0), bound.lower, slower, _slower(wanted))
             if self.verify(record, problem, observer) == "refuted":
                 return record
+        pieces = self._by_pieces(observer, bound) if observer.states.total > _SMALL else None
+        if pieces is not None:
+            return pieces
         if self.rate is not None and 0.0 < self.rate < np.inf and observer.states.total <= _WHOLE:
             H = network_ball(observer)
-            return self._decided(H, partial(Fine.of, H), self.rate, bound.lower)
+            return self._decided(H, partial(Fine.of, H), self.rate)
         text = f"no decay at {wanted:.9g} /s could be proved" if wanted > 0.0 else "no decay could be proved"
         return self._record("inconclusive", wanted, bound.lower, arrays, text)
 
-    def _decided(self, H: Ball, fine: Callable[[], Fine], rate: float, floor: float) -> ClaimRecord:
+    def _by_pieces(self, observer: DiffusiveObserver, bound: EigenvalueBound) -> ClaimRecord | None:
+        """A rate that is asked for, proved mode by mode."""
+        if self.rate is None or not 0.0 < self.rate < np.inf or observer.graph.dimension > 1 or not bound.lower > 0.0:
+            return None
+        arrays = piecewise.prove(observer, self.rate, piecewise.spectrum(observer, bound.lower))
+        if arrays is None:
+            return None
+        text = f"the error decays at least at {at_least(self.rate)} /s, mode by mode"
+        return self._record("certified", self.rate, bound.lower, {**arrays, "x": bound.witness}, text)
+
+    def _decided(self, H: Ball, fine: Callable[[], Fine], rate: float) -> ClaimRecord:
         """A ``rate`` proved or refuted on the whole error matrix."""
         pair = pairs.lyapunov_pair(H, fine, rate)
         if pair is not None:
             text = f"the error decays at least at {at_least(rate)} /s"
-            return self._record("certified", rate, floor, {**pair.arrays, "whole": _MARK}, text)
+            record = self._record("certified", rate, 0.0, {**pair.arrays, "whole": _MARK}, text)
+            if pair.rate == rate or pairs.proves(record, H, fine, rate):
+                return record
         growing = pairs.growing_witness(H, fine, rate)
         if growing is not None:
-            return self._record("refuted", rate, floor, {**growing, "whole": _MARK}, _slower(rate))
-        return self._record("inconclusive", rate, floor, {}, f"no decay at {rate:.9g} /s could be proved")
+            return self._record("refuted", rate, 0.0, {**growing, "whole": _MARK}, _slower(rate))
+        return self._record("inconclusive", rate, 0.0, {}, f"no decay at {rate:.9g} /s could be proved")
 
     def _check_programs(self, observer: AssembledObserver) -> ClaimRecord:
         """A Lyapunov pair of the assembled error matrix (theory 8-G5)."""
@@ -109,7 +126,7 @@ class Convergence(Claim):
             text = f"the error decays at least at {at_least(rate)} /s, through the exact zeros of the stored matrix"
             return self._record("certified", rate, 0.0, {"blocks": P}, text)
         if self.rate is not None and 0.0 < self.rate < np.inf:
-            return self._decided(H, fine, self.rate, 0.0)
+            return self._decided(H, fine, self.rate)
         pair = pairs.lyapunov_pair(H, fine, None) if self.rate is None else None
         if pair is None or not pair.rate > 0.0:
             return self._record("inconclusive", self.rate or 0.0, 0.0, {}, "no decay could be proved")
@@ -132,9 +149,13 @@ class Convergence(Claim):
         n, graph = observer.agent.n_states, observer.graph
         rate, floor = number(record, "rate"), number(record, "lambda_floor")
         if "whole" in record.witness:
-            fits = observer.states.total <= programs.DENSE_LIMIT and rate > 0.0
+            fits = observer.states.total <= programs.DENSE_LIMIT and rate > 0.0 and floor == 0.0
             H = network_ball(observer) if fits else None
             return _judged(record, H, partial(Fine.of, H), rate) if H is not None else "inconclusive"
+        if not record.witness:
+            return "inconclusive"
+        if "edges" in record.witness:
+            return "certified" if piecewise.proves(record, observer, rate) else "inconclusive"
         P = witness(record, "P", (n, n))
         if "growing" in record.witness:
             return "refuted" if growth.proves(record, observer, rate, floor) else "inconclusive"
@@ -145,10 +166,11 @@ class Convergence(Claim):
             whole = (
                 np.asarray(np.kron(np.eye(graph.n_nodes), P)) if observer.states.total <= programs.DENSE_LIMIT else None
             )
-            return "certified" if whole is not None and decays(whole, network_ball(observer), rate) else "inconclusive"
+            proved = whole is not None and decays(whole, network_ball(observer), rate) and floor >= 0.0
+            return "certified" if proved and floor <= proved_floor(record, graph) else "inconclusive"
         if not 0.0 < floor <= proved_floor(record, graph):
             return "inconclusive"
-        ends = gain_range(observer, floor, largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+        ends = gain_range(observer, floor, largest_eigenvalue_by_degrees(graph))
         certified = all(mode_decreases(observer, P, rate, g) for g in ends)
         return "certified" if certified else "inconclusive"
 
@@ -161,6 +183,8 @@ def _verify_programs(record: ClaimRecord, observer: AssembledObserver) -> Outcom
     total, rate = observer.states.total, number(record, "rate")
     if total > programs.DENSE_LIMIT or not _is_continuous(observer) or not rate > 0.0:
         return "inconclusive"
+    if record.numbers.get("lambda_floor", 0.0) != 0.0:
+        return "inconclusive"  # a number that nothing here proves
     if not programs.error_is_autonomous(observer):
         return "inconclusive"
     H = programs.error_magnitude(observer)

@@ -16,7 +16,7 @@ from trigpoint.linalg.balls import Ball, is_positive
 from trigpoint.linalg.blocks import diagonal_of
 from trigpoint.linalg.equations import near_singular_allowed
 from trigpoint.linalg.verified import is_positive_definite, up
-from trigpoint.model import SharedPlant
+from trigpoint.model import NetworkedAgents, SharedPlant
 from trigpoint.observers.assembled import AssembledObserver, Problem
 from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
@@ -47,6 +47,7 @@ class CovarianceBound(Claim):
     process: float = 1.0
     measurement: float = 1.0
     name: ClassVar[str] = "covariance-bound"
+    quantities: ClassVar[tuple[str, ...]] = ("process", "measurement", "worst", "total")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
@@ -111,12 +112,13 @@ def _error(observer: NetworkObserver) -> tuple[_Error | None, str]:
     if isinstance(observer, DiffusiveObserver):
         if observer.states.total > programs.DENSE_LIMIT:
             return None, f"{observer.states.total} states are more than {programs.DENSE_LIMIT}; NoiseBudget takes them"
-        if observer.graph.dimension > 1:
-            return None, "weights are matrices"
-        weights = observer.graph.arc_weights
         observer = observer.as_programs()
     if not isinstance(observer, AssembledObserver) or observer.states.total > programs.DENSE_LIMIT:
         return None, "more than 600 states, or an observer without programs"
+    if isinstance(observer.problem, NetworkedAgents):
+        if observer.problem.graph.dimension > 1:
+            return None, "weights are matrices"
+        weights = observer.problem.graph.arc_weights
     if observer.period is not None or observer.is_discrete or not programs.error_is_autonomous(observer):
         return None, "a sampled exchange, or the truth may drive the error"
     # Targets have entries 0 and 1, at most one in a row (proved above): the product selects.
@@ -139,7 +141,7 @@ def _noise(error: _Error, process: float, measurement: float) -> Ball:
     """Its intensity ``process^2 E E' + measurement^2 K R K'``."""
     E, K = error.agents, error.readings
     middle, r = K.middle * error.variance, error.variance
-    weighed = Ball(middle, 1.01 * K.radius * r + 4e-16 * np.abs(middle) + 2.0**-1000)  # r itself is a rounded quotient
+    weighed = Ball(middle, 1.01 * K.radius * r + 1e-15 * np.abs(middle) + 2.0**-1000)  # r itself is a rounded quotient
     readings = (weighed @ K.T).times(measurement).times(measurement)
     return (E @ E.T).times(process).times(process) + readings
 

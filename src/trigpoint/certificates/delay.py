@@ -7,14 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from trigpoint.analysis import smallest_eigenvalue
 from trigpoint.analysis.eigenvalue import couplings
-from trigpoint.arrays import FloatArray, at_least, at_most
-from trigpoint.certificates import late
+from trigpoint.arrays import FloatArray, at_least, at_most, exactly
+from trigpoint.certificates import moving
 from trigpoint.certificates.base import Claim, number, witness
-from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.certificates.statics import largest_eigenvalue_upper, static_pull
-from trigpoint.errors import ArgumentError, ProtocolError
+from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.verified import down, gam, up
 from trigpoint.observers.assembled import Problem
@@ -22,7 +20,7 @@ from trigpoint.observers.certificate import ClaimRecord, Outcome
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
 _ASSUMPTIONS = ("continuous exchange; every innovation is late by one constant time, the same for all arcs",)
-_STEPS, _DENSE, _HALVINGS = 200, 600, 9
+_STEPS, _DENSE = 200, 600
 
 
 @dataclass(frozen=True)
@@ -31,8 +29,13 @@ class DelayMargin(Claim):
 
     Constants (A = 0, diagonal K and C): exactly for ``delay < pi / (2 gain k c lambda_max)``. Certified with a verified
     upper bound of ``lambda_max`` (the degrees' above 600 nodes); refuted where a vector's Rayleigh quotient proves a
-    mode beyond the limit; inconclusive between the two. Agents that move: certified for every delay up to the given
-    one by a Lyapunov-Krasovskii functional for each piece of the spectrum, any number of nodes; never refuted.
+    mode beyond the limit; inconclusive between the two.
+
+    Agents that move: certified for every delay up to the given one, any number of nodes. With one output and up to ten
+    states no root of ``det(s I - A + g K C e^(-s delay))`` meets the imaginary axis, for any gain ``g = gain lambda``
+    of the spectrum's range: frequency by frequency, sharp for that range. Otherwise by a Lyapunov-Krasovskii functional
+    for each piece of it. Refuted, with one output and up to 600 nodes, where a circle to the right of the axis is shown
+    to hold a root.
 
     Args:
         delay: seconds; half the limit that can be proved unless given (for agents that move, 80 % of it).
@@ -42,6 +45,7 @@ class DelayMargin(Claim):
 
     delay: float | None = None
     name: ClassVar[str] = "delay-margin"
+    quantities: ClassVar[tuple[str, ...]] = ("delay", "lambda_floor")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
@@ -70,20 +74,21 @@ class DelayMargin(Claim):
         return ClaimRecord(self.name, verdict, record.numbers, _ASSUMPTIONS, text, record.witness)
 
     def _check_moving(self, observer: DiffusiveObserver) -> ClaimRecord:
-        bound = smallest_eigenvalue(observer.graph)
-        ends = (down(observer.gain * bound.lower), _highest(observer))
-        delay, pieces = self.delay or 0.0, None
-        if bound.lower > 0.0 and ends[0] > 0.0:
-            if self.delay is None:
-                delay = _longest(observer, ends)
-            pieces = late.prove(observer, delay, *ends)
-        if pieces is None:
-            text = f"no stability could be proved with a delay of {delay:.6g} s"
-            return ClaimRecord(self.name, "inconclusive", {"delay": delay}, _ASSUMPTIONS, text, {})
-        arrays = {"edges": pieces.edges, "P": pieces.P, "R": pieces.R, "x": bound.witness}
-        text = f"stable with every constant delay up to {at_least(delay)} s"
-        numbers = {"delay": delay, "lambda_floor": bound.lower}
-        return ClaimRecord(self.name, "certified", numbers, _ASSUMPTIONS, text, arrays)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = moving.proof(observer, self.delay)
+        if found is not None:
+            delay, floor, arrays = found
+            text = f"stable with every constant delay up to {at_least(delay)} s"
+            numbers = {"delay": delay, "lambda_floor": floor}
+            return ClaimRecord(self.name, "certified", numbers, _ASSUMPTIONS, text, arrays)
+        delay = self.delay or 0.0
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            grows = moving.growing(observer, delay)
+        if grows is not None:
+            text = f"not stable with a delay of {exactly(delay)} s"
+            return ClaimRecord(self.name, "refuted", {"delay": delay}, _ASSUMPTIONS, text, grows)
+        text = f"no stability could be proved with a delay of {exactly(delay)} s"
+        return ClaimRecord(self.name, "inconclusive", {"delay": delay}, _ASSUMPTIONS, text, {})
 
     @staticmethod
     def verify(record: ClaimRecord, problem: Problem, observer: NetworkObserver) -> Outcome:  # noqa: ARG004
@@ -92,49 +97,14 @@ class DelayMargin(Claim):
         if not isinstance(observer, DiffusiveObserver) or not delay >= 0.0 or observer.graph.dimension > 1:
             return "inconclusive"
         if static_pull(observer) is None:
-            return _verify_moving(record, observer, delay)
+            return moving.verify(record, observer, delay)
+        if "lambda_floor" in record.numbers:
+            return "inconclusive"  # a number that nothing here proves
         v = witness(record, "v", (observer.graph.n_nodes,))
         proved, excluded = _limits(observer, v)
         if delay > excluded:
             return "refuted"
         return "certified" if delay < proved and observer.graph.is_externally_connected else "inconclusive"
-
-
-def _verify_moving(record: ClaimRecord, observer: DiffusiveObserver, delay: float) -> Outcome:
-    if "edges" not in record.witness:
-        return "inconclusive"
-    edges, n = record.witness["edges"], observer.agent.n_states
-    count = edges.shape[0] if edges.ndim == 1 else 0
-    if not 2 <= count <= 1000:
-        raise ProtocolError(f"the witness 'edges' must hold 2 to 1000 numbers; got the shape {edges.shape}")
-    pieces = late.Pieces(
-        witness(record, "edges", (count,)),
-        witness(record, "P", (count - 1, n, n)),
-        witness(record, "R", (count - 1, n, n)),
-    )
-    floor = number(record, "lambda_floor")
-    if not (observer.graph.is_externally_connected and 0.0 < floor <= proved_floor(record, observer.graph)):
-        return "inconclusive"
-    proved = late.covers(observer, pieces, delay, down(observer.gain * floor), _highest(observer))
-    return "certified" if proved else "inconclusive"
-
-
-def _highest(observer: DiffusiveObserver) -> float:
-    return up(observer.gain * largest_eigenvalue_upper(observer.graph))
-
-
-def _longest(observer: DiffusiveObserver, ends: tuple[float, float]) -> float:
-    """80 % of the longest delay that can be proved, by bisection on its logarithm; 0 where even none cannot."""
-    size = float(np.linalg.norm(observer.agent.A, 2)) + ends[1] * float(
-        np.linalg.norm(observer.injection @ observer.agent.C, 2)
-    )
-    low, high = 1e-4 / size, 2.0 / size
-    if late.prove(observer, low, *ends) is None:
-        return 0.0
-    for _ in range(_HALVINGS):
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if late.prove(observer, middle, *ends) is None else (middle, high)
-    return 0.8 * low
 
 
 def _limits(observer: DiffusiveObserver, v: FloatArray) -> tuple[float, float]:

@@ -29,7 +29,7 @@ def witness(observer: DiffusiveObserver, rate: float, bound: EigenvalueBound) ->
     gains = observer.gain * np.array([bound.value])
     F = mode_matrices(observer.agent.A, observer.injection, observer.agent.C, gains)[0]
     F = F + rate * np.eye(F.shape[0])
-    if float(np.linalg.eigvals(F).real.max()) <= 0.0:
+    if not np.isfinite(F).all() or float(np.linalg.eigvals(F).real.max()) <= 0.0:
         return None
     try:
         with near_singular_allowed():

@@ -54,7 +54,7 @@ def _seems_late(observer: DiffusiveObserver, P: FloatArray, R: FloatArray, delay
     """The same in plain floats: what fails here need not be tried in earnest."""
     A, B = observer.agent.A, -g * (observer.injection @ observer.agent.C)
     drift, corner, flow = P @ A, R + P @ B, np.hstack([A, B])
-    F = np.block([[drift + drift.T - R, corner], [corner.T, -R]]) + delay**2 * (flow.T @ R @ flow)
+    F = np.block([[drift + drift.T - R, corner], [corner.T, -R]]) + delay * delay * (flow.T @ R @ flow)
     return bool(np.isfinite(F).all()) and float(np.linalg.eigvalsh(0.5 * (F + F.T))[-1]) < 0.0
 
 

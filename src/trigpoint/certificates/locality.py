@@ -25,6 +25,7 @@ class Locality(Claim):
     """
 
     name: ClassVar[str] = "locality"
+    quantities: ClassVar[tuple[str, ...]] = ()
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
@@ -45,9 +46,8 @@ def _first_stranger(problem: Problem, observer: NetworkObserver) -> str | None:
         program = observer.local(node)
         for arc in program.arcs:
             heard = [other for other, _ in arc.heard]
-            members = set() if arc.label is None else readers.get(arc.label, set())
-            own = arc.label is None or (name in members and members - {name} == set(heard))
-            if not own or not set(heard) <= links[name]:
+            own = arc.label is None or name in readers.get(arc.label, set())
+            if not own or not set(heard) <= links[name] | {name}:
                 return f"node {name} uses {_named(arc.label)} with {', '.join(heard) or 'the environment'}"
         for label, _ in program.feedthrough:
             if name not in readers.get(label, set()):

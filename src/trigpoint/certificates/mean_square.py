@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
-from trigpoint.arrays import FloatArray
+from trigpoint.arrays import FloatArray, exactly
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.statics import largest_eigenvalue_upper, static_pull
 from trigpoint.errors import ArgumentError
@@ -21,7 +21,8 @@ _ASSUMPTIONS = (
     "Euler exchanges e+ = e - period gain L_k e of static scalar states; at every exchange each arc works with the "
     "stated probability, for both its ends, independently of all others and of the past",
 )
-_EXACT = 50
+_EXACT, _MOST_ARCS = 50, 5000
+_SMALLEST, _LARGEST = 2.0**-900, 2.0**100  # beyond them a product might be lost before a large weight multiplies it
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class MeanSquareStability(Claim):
 
     The second moment moves by ``S(X) = M X M + s^2 p (1 - p) sum w_k^2 g_k g_k' X g_k g_k'``, ``M = I - s p L``,
     ``s = period gain k c``, a positive map: ``X > 0`` with ``X - S(X) > 0`` proves its spectral radius below 1, with
-    ``S(X) - X > 0`` above 1. Both are verified up to 50 nodes; above, ``s (p lambda_max + 2 max w (1 - p)) < 2``.
+    ``S(X) - X > 0`` above 1. Both are verified up to 50 nodes and 5000 arcs; above,
+    ``s (p lambda_max + 2 max w (1 - p)) < 2``.
 
     Args:
         arrival: probability p that an arc works, 0 < p <= 1.
@@ -42,6 +44,7 @@ class MeanSquareStability(Claim):
     arrival: float = 1.0
     period: float = 0.0
     name: ClassVar[str] = "mean-square-stability"
+    quantities: ClassVar[tuple[str, ...]] = ("arrival", "period")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
@@ -58,15 +61,16 @@ class MeanSquareStability(Claim):
         numbers = {"arrival": self.arrival, "period": self.period}
         step = _step(observer, self.period)
         if step is None or not isinstance(observer, DiffusiveObserver):
-            text = "known for static scalar agents only (A = 0, one state)"
+            text = "known for static scalar agents only (A = 0, one state), and for steps that floats can hold"
             return ClaimRecord(self.name, "inconclusive", numbers, _ASSUMPTIONS, text, {})
         arrays: dict[str, FloatArray] = {}
-        if observer.graph.n_nodes <= _EXACT:
+        if observer.graph.n_nodes <= _EXACT and observer.graph.n_arcs <= _MOST_ARCS:
             arrays["X"] = _witness(_Moment.of(observer, step[1], self.arrival))
         record = ClaimRecord(self.name, "inconclusive", numbers, _ASSUMPTIONS, "", arrays)
         verdict = self.verify(record, problem, observer)
         words = {"certified": "vanishes", "refuted": "does not vanish", "inconclusive": "is undecided"}[verdict]
-        text = f"the mean square {words} when arcs work with probability {self.arrival:g} every {self.period:g} s"
+        text = f"the mean square {words} when arcs work with probability {exactly(self.arrival)}"
+        text += f" every {exactly(self.period)} s"
         return ClaimRecord(self.name, verdict, numbers, _ASSUMPTIONS, text, arrays)
 
     @staticmethod
@@ -83,10 +87,12 @@ class MeanSquareStability(Claim):
         load = arrival * largest_eigenvalue_upper(graph) + 2.0 * heaviest * (1.0 - arrival)
         if up(step[1] * load * (1.0 + 1e-9)) < 2.0:
             return "certified"
-        if graph.n_nodes > _EXACT or "X" not in record.witness:
+        if graph.n_nodes > _EXACT or graph.n_arcs > _MOST_ARCS or "X" not in record.witness:
             return "inconclusive"
         X = witness(record, "X", (graph.n_nodes, graph.n_nodes))
-        if not is_positive_definite(X):
+        if not (is_positive_definite(X) and 1.0 / _LARGEST < float(np.abs(X).max()) < _LARGEST):
+            return "inconclusive"
+        if not (step[0] * arrival > _SMALLEST and step[1] * load < _LARGEST):
             return "inconclusive"
         image, error = _Moment.of(observer, step[1], arrival).with_error(X, (step[1] - step[0]) / step[1])
         rest = X - 0.5 * (image + image.T)
@@ -105,7 +111,9 @@ def _step(observer: NetworkObserver, period: float) -> tuple[float, float] | Non
     pull = static_pull(observer)
     if pull is None or observer.agent.n_states != 1:
         return None
-    return period * observer.gain * pull[0] * (1.0 - 1e-14), period * observer.gain * pull[1] * (1.0 + 1e-14)
+    together = period * observer.gain
+    low, high = together * pull[0] * (1.0 - 1e-14), together * pull[1] * (1.0 + 1e-14)
+    return (low, high) if together > _SMALLEST and low > _SMALLEST and np.isfinite(high) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +145,7 @@ class _Moment:
         spread = p * (1.0 - p) * (self.step * self.weight) ** 2
         bound = M @ size @ M + (G * (spread * np.einsum("ik,ij,jk->k", G, size, G, optimize=True))) @ G.T
         share = gam(8.0 * N + 4.0 * arcs + 64.0) + 4.0 * relative
-        return self.apply(X), np.asarray(share * bound * (1.0 + 1e-6))
+        return self.apply(X), np.asarray(share * bound * (1.0 + 1e-6) + 1e-60)  # 1e-60: whatever underflowed
 
 
 def _witness(moment: _Moment) -> FloatArray:

@@ -16,6 +16,7 @@ from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.convergence import lyapunov_matrix
 from trigpoint.certificates.decrease import gain_range, mode_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
+from trigpoint.certificates.statics import largest_eigenvalue_by_degrees
 from trigpoint.errors import ArgumentError
 from trigpoint.linalg.balls import Ball, is_positive
 from trigpoint.linalg.equations import near_singular_allowed
@@ -26,7 +27,8 @@ from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
 _ASSUMPTIONS = (
     "continuous exchange without delay or loss",
-    "white noise: intensity mu^2 E E' on every agent (mu^2 I without E), and mu^2 I / w_k on the reading of arc k",
+    "independent white noise: intensity mu^2 E E' on every agent (mu^2 I without E), and mu^2 I / w_k on the reading "
+    "of arc k",
 )
 _INFLATIONS = (1e-9, 1e-6, 1e-3, 0.03, 0.3)
 
@@ -48,6 +50,7 @@ class NoiseBudget(Claim):
 
     mu: float | None = None
     name: ClassVar[str] = "noise-budget"
+    quantities: ClassVar[tuple[str, ...]] = ("mu", "per_node", "lambda_floor")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
@@ -95,7 +98,7 @@ class NoiseBudget(Claim):
             return "inconclusive"
         if not (graph.is_externally_connected and 0.0 < floor <= proved_floor(record, graph)):
             return "inconclusive"
-        ends = gain_range(observer, floor, largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+        ends = gain_range(observer, floor, largest_eigenvalue_by_degrees(graph))
         return "certified" if all(_bounds(observer, X, mu, g) for g in ends) else "inconclusive"
 
 

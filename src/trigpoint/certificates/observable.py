@@ -35,6 +35,7 @@ class Observable(Claim):
     """
 
     name: ClassVar[str] = "observable"
+    quantities: ClassVar[tuple[str, ...]] = ()
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod

@@ -57,6 +57,8 @@ def lyapunov_pair(H: Ball, fine: Callable[[], Fine] | None, wanted: float | None
     condition is too large for that (deep cascades: 1e15 and more), the coordinates are changed instead, step by step,
     and the pair of their factors is the witness.
     """
+    if not _is_finite(H):
+        return None
     abscissa = float(np.linalg.eigvals(H.middle).real.max(initial=-np.inf))
     found = _direct(H, wanted, abscissa) if abscissa < 0.0 else None
     if fine is None or (found is not None and (wanted is not None or found.rate > _ENOUGH * -abscissa)):
@@ -64,6 +66,10 @@ def lyapunov_pair(H: Ball, fine: Callable[[], Fine] | None, wanted: float | None
     climbed = _climbed(fine(), wanted)
     best = max((pair for pair in (found, climbed) if pair is not None), key=lambda pair: pair.rate, default=None)
     return None if best is not None and wanted is not None and best.rate < wanted else best
+
+
+def _is_finite(H: Ball) -> bool:
+    return bool(np.isfinite(H.middle).all() and np.isfinite(H.radius).all())
 
 
 def _direct(H: Ball, wanted: float | None, abscissa: float) -> Pair | None:
@@ -112,10 +118,10 @@ def growing_witness(H: Ball, fine: Callable[[], Fine], rate: float) -> dict[str,
     They may do so for a smaller rate, ``at``: an equation is singular where two eigenvalues add up to -2 rate. Where H
     is too far from normal, they are taken in the coordinates of a pair (see ``lyapunov_pair``).
     """
-    true = -float(np.linalg.eigvals(H.middle).real.max(initial=-np.inf))
+    true = -float(np.linalg.eigvals(H.middle).real.max(initial=-np.inf)) if _is_finite(H) else np.inf
     if not true < rate:
         return None
-    levels = [true + share * (rate - true) for share in _LEVELS]
+    levels = [min(true + share * (rate - true), rate) for share in _LEVELS]
     for level in levels:
         plain = _indefinite(H.middle, level)
         if plain is not None and grows(*plain, H, level):

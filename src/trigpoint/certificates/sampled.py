@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg as la
 
 from trigpoint.analysis import smallest_eigenvalue
-from trigpoint.arrays import FloatArray, at_most
+from trigpoint.arrays import FloatArray, at_most, exactly
 from trigpoint.certificates import equal_programs, programs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
@@ -49,6 +49,7 @@ class SampledStability(Claim):
 
     period: float | None = None
     name: ClassVar[str] = "sampled-stability"
+    quantities: ClassVar[tuple[str, ...]] = ("period", "factor", "lambda_floor")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod
@@ -62,7 +63,7 @@ class SampledStability(Claim):
         if period is None:
             return self._record("inconclusive", 0.0, 0.0, {}, "no period was given")
         if _averages(observer):
-            text = f"contracts at a period of {period:g} s, and at every other: each node averages"
+            text = f"contracts at a period of {exactly(period)} s, and at every other: each node averages"
             return self._record("certified", period, 1.0, {}, text)
         split = _modes(observer, period)
         if split is not None:
@@ -75,9 +76,11 @@ class SampledStability(Claim):
             factor = radius + share * (1.0 - radius)
             P = _stein(M.middle / (0.5 * (radius + factor) or 1.0)) if radius < 1.0 else None
             if P is not None and is_positive_definite(P) and contracts(P, M, factor):
-                text = f"contracts by {at_most(factor)} from exchange to exchange at a period of {period:g} s"
+                text = f"contracts by {at_most(factor)} from exchange to exchange at a period of {exactly(period)} s"
                 return self._record("certified", period, factor, {"P": P}, text)
-        text = f"no contraction could be proved at a period of {period:g} s (computed spectral radius {radius:.9g})"
+        text = (
+            f"no contraction could be proved at a period of {exactly(period)} s (computed spectral radius {radius:.9g})"
+        )
         return self._record("inconclusive", period, radius if np.isfinite(radius) else 0.0, {}, text)
 
     def _check_modes(self, observer: NetworkObserver, split: _Modes, period: float) -> ClaimRecord:
@@ -89,13 +92,14 @@ class SampledStability(Claim):
             proof = equal_programs.prove(split.start, split.pull, ends, factor)
             if proof is not None:
                 arrays = {"edges": proof[0], "P": proof[1], "x": bound.witness}
-                text = f"contracts by {at_most(factor)} from exchange to exchange at a period of {period:g} s"
+                text = f"contracts by {at_most(factor)} from exchange to exchange at a period of {exactly(period)} s"
                 text += ", mode by mode"
                 record = self._record("certified", period, factor, arrays, text)
                 record = replace(record, numbers={**record.numbers, "lambda_floor": bound.lower})
                 if _verify_modes(record, observer, period, factor) == "certified":
                     return record
-        text = f"no contraction could be proved at a period of {period:g} s (largest modal radius {verdict.radius:.9g})"
+        text = f"no contraction could be proved at a period of {exactly(period)} s"
+        text += f" (largest modal radius {verdict.radius:.9g})"
         return self._record("inconclusive", period, verdict.radius, {}, text)
 
     def _record(
@@ -109,6 +113,8 @@ class SampledStability(Claim):
         period, factor = number(record, "period"), number(record, "factor")
         if not (period > 0.0 and 0.0 <= factor <= 1.0):
             return "inconclusive"
+        if "edges" not in record.witness and "lambda_floor" in record.numbers:
+            return "inconclusive"  # a number that nothing here proves
         if factor == 1.0:
             return "certified" if _averages(observer) else "inconclusive"
         if "edges" in record.witness:

@@ -29,6 +29,7 @@ class SmallestEigenvalue(Claim):
     """
 
     name: ClassVar[str] = "smallest-eigenvalue"
+    quantities: ClassVar[tuple[str, ...]] = ("lower", "upper")
     assumptions: ClassVar[tuple[str, ...]] = _ASSUMPTIONS
 
     @staticmethod

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from trigpoint.analysis.eigenvalue import couplings
 from trigpoint.analysis.modes import largest_eigenvalue_bound
+from trigpoint.arrays import FloatArray
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.verified import down, gam, is_positive_definite, up
 from trigpoint.observers.network import DiffusiveObserver
@@ -29,12 +31,42 @@ def static_pull(observer: DiffusiveObserver) -> tuple[float, float] | None:
     return down(float(factors.min())), up(float(factors.max()))
 
 
+def largest_eigenvalue_by_degrees(graph: MeasurementGraph) -> float:
+    """Rigorous upper bound of ``lambda_max`` of a ``graph`` with scalar weights, whatever the number of its arcs.
+
+    Source: theory 8-G4.
+    """
+    # A degree is a sum of at most as many weights as there are arcs, a bound one of two degrees.
+    return up(largest_eigenvalue_bound(graph) * (1.0 + float(gam(4.0 * graph.n_arcs + 16.0))))
+
+
+def eigenvalue_near(graph: MeasurementGraph, v: FloatArray) -> tuple[float, float] | None:
+    """An interval that holds an eigenvalue of L, scalar weights: ``|L v - q v| / |v|`` around v's quotient q.
+
+    None where v is zero or not finite. We assume nothing of v; a poor one gives a wide interval.
+    """
+    largest = float(np.abs(v).max(initial=0.0))
+    if not 0.0 < largest < np.inf:
+        return None
+    unit = np.ldexp(v, -int(np.frexp(largest)[1]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        image, error = couplings(graph).apply(unit)
+        quotient = float(unit @ image) / float(unit @ unit)
+        away = np.abs(image - quotient * unit) + error + gam(4.0) * (np.abs(image) + abs(quotient) * np.abs(unit))
+        more, n = 1.0 + float(gam(4.0 * unit.shape[0] + 16.0)), unit.shape[0]
+        squares = up(float((away * away).sum()) * more) + n * 2.0**-1000
+        radius = up(up(float(np.sqrt(squares)) * more) / down(float(np.sqrt(float((unit * unit).sum()) / more))))
+    if not np.isfinite(radius):
+        return None
+    return max(0.0, down(quotient - radius)), up(quotient + radius)
+
+
 def largest_eigenvalue_upper(graph: MeasurementGraph) -> float:
     """Rigorous upper bound of ``lambda_max`` of ``graph``: ``s I - L > 0`` verified up to 600 nodes, else by degrees.
 
     Source: Rump (2006), key Rump2006; theory 8-G4.
     """
-    by_degrees = up(largest_eigenvalue_bound(graph) * (1.0 + 1e-9))
+    by_degrees = largest_eigenvalue_by_degrees(graph)
     if graph.n_nodes > _DENSE:
         return by_degrees
     L = graph.laplacian().toarray()

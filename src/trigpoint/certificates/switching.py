@@ -19,6 +19,7 @@ from trigpoint.certificates.convergence import lyapunov_matrix
 from trigpoint.certificates.decrease import gain_range, mode_ball, mode_decreases
 from trigpoint.errors import ArgumentError
 from trigpoint.graphs import MeasurementGraph
+from trigpoint.linalg.common_function import common_functions
 from trigpoint.linalg.fine import Fine
 from trigpoint.linalg.verified import is_positive_definite
 from trigpoint.observers.assembled import Problem
@@ -42,8 +43,9 @@ class SwitchingStability(Claim):
     """``V = e' (I (x) P) e`` decreases at ``rate`` on every topology with ``floor <= lambda <= ceiling``.
 
     ``P (A - g K C) + (A - g K C)' P + 2 rate P`` is affine in ``g = gain lambda``: negative definite at both ends,
-    it is so on the whole range, whatever the order and the speed of the changes. Refuted (with rate 0) where the mode
-    of one end does not decay: one node whose anchor has that weight is such a topology.
+    it is so on the whole range, whatever the order and the speed of the changes. P is the design's, or one computed for
+    the range: for agents with one output it is found wherever there is one (bounded real lemma). Refuted (with rate 0)
+    where the mode of one end does not decay: one node whose anchor has that weight is such a topology.
 
     Args:
         floor: smallest eigenvalue to cover; the observer's own network's lower bound unless given.
@@ -57,6 +59,7 @@ class SwitchingStability(Claim):
     ceiling: float | None = None
     max_nodes: int | None = None
     name: ClassVar[str] = "switching-stability"
+    quantities: ClassVar[tuple[str, ...]] = ("rate", "floor", "ceiling", "max_nodes")
     assumptions: ClassVar[tuple[str, ...]] = (*_ASSUMPTIONS, _FAMILY)
 
     @staticmethod
@@ -73,7 +76,7 @@ class SwitchingStability(Claim):
         return False
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
-        """The rate follows from the design's own P."""
+        """The rate follows from the design's own P, or from one that is computed for the range."""
         if not isinstance(observer, DiffusiveObserver) or observer.graph.dimension > 1:
             return self._record("inconclusive", (0.0, 0.0, 0.0, 0.0), None, "not equal agents with scalar weights")
         if self.max_nodes is not None:
@@ -85,12 +88,10 @@ class SwitchingStability(Claim):
             ceiling = 10.0 * max(largest_eigenvalue_bound(observer.graph), 2.0 * (self.max_nodes or 0) + 2.0)
         if not floor <= ceiling:
             raise ArgumentError(f"floor must not exceed ceiling; got {floor:g} and {ceiling:g}")
-        P = lyapunov_matrix(observer)
         gains = observer.gain * np.array([floor, ceiling])
-        ends = mode_matrices(observer.agent.A, observer.injection, observer.agent.C, gains)
-        best = min(float(la.eigh(-(P @ M + M.T @ P), P, eigvals_only=True)[0]) / 2.0 for M in ends)
+        P, best = _best_function(observer, gains)
         nodes = float(self.max_nodes or 0)
-        for margin in (1e-9, 1e-6, 1e-3, 0.1):
+        for margin in (1e-9, 1e-6, 1e-3, 0.1) if np.isfinite(best) else ():
             rate = best - margin * abs(best)
             # the range is a premise: it is narrowed, not widened
             text = f"decays at least at {at_least(rate)} /s under any switching with "
@@ -107,6 +108,7 @@ class SwitchingStability(Claim):
                 record = replace(record, witness=growing)
                 if self.verify(record, problem, observer) == "refuted":
                     return record
+        best = best if np.isfinite(best) else 0.0
         text = f"no common decay could be proved (best computed rate {best:.3g} /s)"
         return self._record("inconclusive", (best, floor, ceiling, nodes), P, text)
 
@@ -134,6 +136,30 @@ class SwitchingStability(Claim):
         return "certified" if all(mode_decreases(observer, P, rate, g) for g in ends) else "inconclusive"
 
 
+def _best_function(observer: DiffusiveObserver, gains: FloatArray) -> tuple[FloatArray, float]:
+    """P and the computed rate at which it decreases at both ends: the design's, or one for the whole range."""
+    A, K, C = observer.agent.A, observer.injection, observer.agent.C
+    with np.errstate(over="ignore", invalid="ignore"):
+        ends = mode_matrices(A, K, C, gains)
+        middle, half = 0.5 * (ends[0] + ends[1]), 0.5 * (gains[1] - gains[0]) * C
+    candidates = [lyapunov_matrix(observer), *common_functions(middle, K, half)]
+    rates = [min(_decay(P, M) for M in ends) for P in candidates]
+    first = int(np.argmax(rates))
+    return candidates[first], rates[first]
+
+
+def _decay(P: FloatArray, M: FloatArray) -> float:
+    """Computed rate at which ``e' P e`` decreases along M; -inf where it cannot be computed."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        drift = -(P @ M + M.T @ P)
+    if not np.isfinite(drift).all():
+        return -np.inf
+    try:
+        return float(la.eigh(drift, P, eigvals_only=True)[0]) / 2.0
+    except np.linalg.LinAlgError:  # P is not positive definite in floats
+        return -np.inf
+
+
 def _growing(observer: DiffusiveObserver, g: float) -> dict[str, FloatArray] | None:
     mode = mode_ball(observer, g)
     found = pairs.growing_witness(mode, partial(Fine.of, mode), 0.0)
@@ -143,7 +169,7 @@ def _growing(observer: DiffusiveObserver, g: float) -> dict[str, FloatArray] | N
 def _grows(record: ClaimRecord, observer: DiffusiveObserver, P: FloatArray, ends: tuple[float, float]) -> bool:
     """Prove that the mode of one end of the range does not decay: a network of one node has that eigenvalue."""
     v = witness(record, "growing", P.shape[:1])
-    if not 0.0 < ends[0] <= ends[1]:
+    if not (0.0 < ends[0] <= ends[1] and number(record, "rate") >= 0.0):
         return False
     enclosures = (gain_range(observer, end, end) for end in ends)
     return any(all(pairs.grows(P, v, mode_ball(observer, g), 0.0) for g in pair) for pair in enclosures)

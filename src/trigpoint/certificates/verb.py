@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from trigpoint.arrays import at_least, at_most, digest_of
-from trigpoint.arrays.rounding import DIGITS
+from trigpoint.arrays import at_least, at_most, digest_of, exactly
 from trigpoint.certificates.base import Claim
 from trigpoint.certificates.convergence import Convergence
 from trigpoint.certificates.covariance import CovarianceBound
@@ -22,7 +21,7 @@ from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.model import NetworkedAgents
 from trigpoint.model.documents import problem_document
 from trigpoint.observers.assembled import Problem
-from trigpoint.observers.certificate import Certificate, Outcome
+from trigpoint.observers.certificate import Certificate, ClaimRecord, Outcome
 from trigpoint.observers.documents import observer_document
 from trigpoint.observers.network import DiffusiveObserver, NetworkObserver
 
@@ -41,6 +40,7 @@ CLAIMS: tuple[type[Claim], ...] = (
 
 _LOWER = {"lower", "rate", "lambda_floor", "delay", "mu", "process", "measurement", "ceiling"}
 _UPPER = {"upper", "factor", "per_node", "worst", "total", "floor"}
+_USED = {"lambda_floor"}  # a proved fact, whatever becomes of the claim
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,10 @@ class Verdict:
 
 
 def _bound(key: str, value: float, outcome: Outcome) -> str:
-    """A number of a claim as text: what is proved is rounded to the safe side, a refuted rate or delay upwards."""
-    if key in _UPPER or (outcome == "refuted" and key in ("rate", "delay")):
-        return at_most(value)
-    return at_least(value) if key in _LOWER else f"{value:.{DIGITS}g}"
+    """A number as text: of what is proved the weaker side, of what is refuted the stronger one, any other exactly."""
+    if key not in _LOWER | _UPPER:
+        return exactly(value)
+    return at_most(value) if (key in _UPPER) != (outcome == "refuted" and key not in _USED) else at_least(value)
 
 
 def certify(problem: Problem, observer: NetworkObserver, claims: Sequence[Claim] | None = None) -> Certificate:
@@ -119,10 +119,19 @@ def verify(certificate: Certificate, problem: Problem, observer: NetworkObserver
             raise ProtocolError(f"unknown claim {record.claim!r}; known are {', '.join(sorted(known))}")
         if record.assumptions != known[record.claim].assumptions:
             raise ProtocolError(f"the claim {record.claim!r} states other assumptions than it has")
+        _speaks_of_its_own(record, known[record.claim])
         outcomes.append((record.claim, known[record.claim].verify(record, problem, observer)))
     found = {outcome for _, outcome in outcomes}
     worst: Outcome = "refuted" if "refuted" in found else "inconclusive" if "inconclusive" in found else "certified"
     return Verdict(worst, tuple(outcomes), tuple(record.numbers for record in certificate.records))
+
+
+def _speaks_of_its_own(record: ClaimRecord, kind: type[Claim]) -> None:
+    """What is not checked must not be shown beside what is."""
+    strange = sorted(set(record.numbers) - set(kind.quantities))
+    if strange:
+        allowed = ", ".join(kind.quantities) or "none"
+        raise ProtocolError(f"the claim {record.claim!r} has no number {strange[0]!r}; its numbers are: {allowed}")
 
 
 def _digests(problem: Problem, observer: NetworkObserver) -> tuple[str, str]:

@@ -240,8 +240,8 @@ def _beside(certificate: Path, what: str, digest: str, kinds: tuple[type, ...]) 
     loaded = load(path)
     try:
         found = digest_of(parse_json(read_text(path), path))  # of what stands there, unknown fields included
-    except ValueError as error:
-        raise FileFormatError(path, f"holds a number that JSON has no word for ({error})") from error
+    except (RecursionError, ValueError) as error:
+        raise FileFormatError(path, f"holds something that JSON has no word for ({error})") from error
     if found != digest or not isinstance(loaded, kinds):
         raise FileFormatError(path, f"is not the {what} that the certificate names (its digest differs)")
     return loaded

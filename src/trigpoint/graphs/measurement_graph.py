@@ -34,7 +34,8 @@ class MeasurementGraph:
         n_nodes: number N of nodes, at least 1.
         tail: (M,) whole numbers, the arc's start; ``EXTERNAL`` where the environment measures the head.
         head: (M,) whole numbers, the arc's end.
-        weight: None (all 1), (M,) positive numbers, or (M, d, d) symmetric positive definite blocks.
+        weight: None (all 1), (M,) positive numbers, or (M, d, d) symmetric positive definite blocks (kept exactly
+            symmetric; blocks of size 1 are kept as numbers).
         names: N different texts; None gives "0", "1", ...
 
     We assume:
@@ -289,6 +290,8 @@ def _checked_weight(weight: ArrayLike | None, n_arcs: int) -> FloatArray | None:
     if weight is None:
         return None
     array = as_floats("weight", weight)
+    if array.shape == (n_arcs, 1, 1):  # a block of size 1 is a number
+        array = frozen(array.reshape(n_arcs))
     if array.ndim == 1 and array.shape[0] == n_arcs:
         bad = np.flatnonzero(array <= 0)
         if bad.size:
@@ -296,7 +299,9 @@ def _checked_weight(weight: ArrayLike | None, n_arcs: int) -> FloatArray | None:
         return array
     if array.ndim == 3 and array.shape[0] == n_arcs and array.shape[1] == array.shape[2] > 0:
         _check_positive_definite(array)
-        return array
+        mirrored = array.transpose(0, 2, 1)
+        # What rounding left of the symmetry is taken out: L is symmetric to the last bit.
+        return array if np.array_equal(array, mirrored) else frozen(0.5 * array + 0.5 * mirrored)
     raise ShapeError(f"weight must have shape ({n_arcs},) or ({n_arcs}, d, d); got {array.shape}")
 
 

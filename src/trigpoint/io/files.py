@@ -11,7 +11,7 @@ from trigpoint.errors import ArgumentError, FileFormatError, TrigpointError
 from trigpoint.io.atomic import write_atomically
 from trigpoint.io.documents import READERS, WRITERS
 from trigpoint.io.formats import NETWORK_FORMATS, Format, format_of
-from trigpoint.io.nodelink import nodelink_from_document, parse_json
+from trigpoint.io.nodelink import nodelink_from_document, parse_json, refuse_repeated_keys
 from trigpoint.io.run_file import read_run, run_bytes
 from trigpoint.io.run_tables import netcdf_bytes, read_netcdf, read_zarr, tables, zarr_bytes
 from trigpoint.io.scenario import read_scenario
@@ -33,13 +33,15 @@ def read_json(path: str | Path) -> object:
     Raises:
         FileFormatError: no JSON, an unknown ``kind``, or a document that its reader refuses.
     """
-    document = parse_json(read_text(path), path)
+    text = read_text(path)
+    document = parse_json(text, path)
     kind = document.get("kind") if isinstance(document, dict) else None
     if not isinstance(kind, str) or not kind.startswith(DOCUMENT_PREFIX):
         return nodelink_from_document(document, path)
     if kind not in DOCUMENTS:
         hint = nearest(kind, DOCUMENTS)
         raise FileFormatError(path, f"got the kind {shown(kind)}, expected one of {sorted(DOCUMENTS)}{hint}")
+    refuse_repeated_keys(text, path)
     try:
         return DOCUMENTS[kind](document)
     except FileFormatError:

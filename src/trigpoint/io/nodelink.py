@@ -9,6 +9,7 @@ value is a bare ``MeasurementGraph``.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -77,6 +78,21 @@ def parse_json(text: str, path: object) -> Any:
     except FileFormatError:
         raise
     except (RecursionError, ValueError) as error:
+        raise FileFormatError(path, f"the JSON cannot be read ({error})") from None
+
+
+def refuse_repeated_keys(text: str, path: object) -> None:
+    """Refuse JSON in which an object has a key twice: readers differ in which of the two they take."""
+
+    def once(pairs: list[tuple[str, Any]]) -> None:
+        keys = [key for key, _ in pairs]
+        if len(set(keys)) != len(keys):
+            twice, _ = Counter(keys).most_common(1)[0]
+            raise FileFormatError(path, f"has the key {twice[:40]!r} twice in one object; leave one of them out")
+
+    try:
+        json.loads(text, object_pairs_hook=once)
+    except RecursionError as error:
         raise FileFormatError(path, f"the JSON cannot be read ({error})") from None
 
 

@@ -10,6 +10,7 @@ from trigpoint.arrays import FloatArray, IntArray
 
 _PRIMES = (2**31 - 1, 2**31 - 19)
 _LARGEST_EXACT = 60
+_LARGEST_WHOLE = 2.0**53  # larger ones might make fractions of any length
 
 
 def residues(matrix: FloatArray, prime: int) -> IntArray:
@@ -60,7 +61,7 @@ def _rank_grows_to_full(A: IntArray, C: IntArray, prime: int) -> bool:
 def stays_and_is_unseen(A: FloatArray, C: FloatArray, V: FloatArray) -> bool:
     """Prove in exact fractions that V has full rank, ``C V = 0`` and ``A V = V M`` for some M. Up to 60 rows.
 
-    V must be whole numbers (n, r), and hold a multiple of the identity in r of its rows.
+    V must be whole numbers (n, r) of at most 2^53, and hold a multiple of the identity in r of its rows.
     """
     n, r = V.shape
     if not 0 < r <= n <= _LARGEST_EXACT or not np.isfinite(V).all() or np.mod(V, 1.0).any():
@@ -72,7 +73,7 @@ def stays_and_is_unseen(A: FloatArray, C: FloatArray, V: FloatArray) -> bool:
         if not hits:
             return False
         rows.append(hits[0])
-    if lead == 0.0:
+    if not 0.0 < lead <= _LARGEST_WHOLE:
         return False
     exact = [[Fraction(float(v)) for v in row] for row in V]
     moved = _times(A, exact)

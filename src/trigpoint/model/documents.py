@@ -115,13 +115,15 @@ def graph_document(graph: MeasurementGraph) -> dict[str, Any]:
 
 def read_graph(document: Mapping[str, Any]) -> MeasurementGraph:
     """Read ``graph_document``."""
-    weight = document["weight"]
+    weight, names, n_nodes = document["weight"], document["names"], document["n_nodes"]
+    if not isinstance(names, list) or type(n_nodes) is not int or len(names) != n_nodes:
+        raise ProtocolError(f"names must list one text a node, for n_nodes = {str(n_nodes)[:20]} of them")
     return MeasurementGraph(
-        document["n_nodes"],
+        n_nodes,
         decode_array(document["tail"], "tail"),
         decode_array(document["head"], "head"),
         None if weight is None else decode_array(weight, "weight"),
-        document["names"],
+        names,
     )
 
 

@@ -76,7 +76,8 @@ class AssembledObserver(NetworkObserver):
             without a period take the problem's A for the map ``x+ = A x`` from one exchange to the next.
 
     Raises:
-        ArgumentError: not one program a node, or another node's name.
+        ArgumentError: not one program a node, or another node's name; a reading or a neighbour that the problem does
+            not have, or a matrix that does not fit it.
 
     Source: W17, equations (3)-(9); G16, equation (4).
     """
@@ -102,6 +103,31 @@ class AssembledObserver(NetworkObserver):
                     f"node {node.name!r} has {node.n_states} states for {own.shape[0]} of the problem; its target "
                     f"must have the shape {(node.n_states, own.shape[0])}, got {target.shape}"
                 )
+        sizes = {node.name: node.n_states for node in self.nodes}
+        for node in self.nodes:
+            self._check_arcs(node, sizes)
+
+    def _check_arcs(self, node: LocalObserver, sizes: Mapping[str, int]) -> None:
+        readings = self.channels.readings
+        for label in node.reads:
+            if not 0 <= label < readings.count:
+                raise ArgumentError(f"node {node.name!r} uses reading {label}; the problem has {readings.count}")
+        for arc in node.arcs:
+            p = arc.gain.shape[1]
+            rows = [(node.name, arc.output), *arc.heard]
+            if arc.label is not None and readings.size(arc.label) != p:
+                raise ArgumentError(
+                    f"node {node.name!r} multiplies reading {arc.label}, which has {readings.size(arc.label)} numbers, "
+                    f"by a gain of shape {arc.gain.shape}"
+                )
+            for name, matrix in rows:
+                if name not in sizes:
+                    raise ArgumentError(f"node {node.name!r} hears {name!r}, which is no node of the problem")
+                if matrix.shape != (p, sizes[name]):
+                    raise ArgumentError(
+                        f"node {node.name!r} multiplies what node {name!r} says by a matrix of shape {matrix.shape}; "
+                        f"expected {(p, sizes[name])}"
+                    )
 
     @cached_property
     def channels(self) -> Channels:

@@ -14,6 +14,7 @@ VERSION = 1
 
 Outcome = Literal["certified", "refuted", "inconclusive"]
 OUTCOMES: tuple[Outcome, ...] = ("certified", "refuted", "inconclusive")
+_MOST_CLAIMS = 100
 _FIELDS = {"claim", "verdict", "numbers", "assumptions", "text", "witness"}
 
 
@@ -101,6 +102,8 @@ def read_certificate(document: Mapping[str, Any]) -> Certificate:
         raise ProtocolError("the certificate's digest does not match its body: it was changed or damaged")
     if set(body) != {"kind", "version", "problem", "observer", "verdict", "claims"} or type(body["claims"]) is not list:
         raise ProtocolError("a certificate holds kind, version, problem, observer, verdict, claims and digest")
+    if len(body["claims"]) > _MOST_CLAIMS:
+        raise ProtocolError(f"a certificate holds at most {_MOST_CLAIMS} claims; got {len(body['claims'])}")
     if not isinstance(body["problem"], str) or not isinstance(body["observer"], str):
         raise ProtocolError("problem and observer must be digests, as text")
     certificate = Certificate(body["problem"], body["observer"], tuple(_read_record(r) for r in body["claims"]))
