@@ -14,7 +14,7 @@ from starlette.websockets import WebSocketDisconnect
 
 import trigpoint.dashboard
 from tests.dashboard.feeds import BASE, connect, receive, receive_all, receive_until, recorded
-from tests.machine import listening
+from tests.machine import free_port, listening
 from trigpoint import graphs
 from trigpoint.dashboard import Scene, decode_moment, page_url, replay_app, serve, serving
 from trigpoint.errors import ArgumentError, MissingExtraError, ShapeError
@@ -156,14 +156,29 @@ def test_serve_binds_this_machine_only(monkeypatch, capsys):
     import uvicorn
 
     called = {}
-    monkeypatch.setattr(uvicorn, "run", lambda app, **options: called.update(options, app=app))
-    app = replay_app(recorded(), CHAIN, token="secret")
-    serve(app, 8123)
-    assert (called["app"], called["host"], called["port"], called["access_log"]) == (app, "127.0.0.1", 8123, False)
-    assert called["ws_max_size"] <= 16384
+
+    def run(server, sockets):
+        called.update(config=server.config, places=[one.getsockname() for one in sockets])
+        raise KeyboardInterrupt  # as it does once it has ended in order
+
+    monkeypatch.setattr(uvicorn.Server, "run", run)
+    app, port = replay_app(recorded(), CHAIN, token="secret"), free_port()
+    serve(app, port)
+    assert called["places"] == [("127.0.0.1", port)]
+    assert (called["config"].app, called["config"].access_log) == (app, False)
+    assert called["config"].ws_max_size <= 16384
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert "http://127.0.0.1:8123/?token=secret" in printed.err
+    assert f"http://127.0.0.1:{port}/?token=secret" in printed.err
+
+
+def test_serve_says_nothing_of_an_address_that_another_has(capsys):
+    app = replay_app(recorded(), CHAIN)
+    with serving(app) as url:
+        port = int(url.split(":")[2].split("/")[0])
+        with pytest.raises(ArgumentError, match=f"port {port} on 127.0.0.1 cannot be had"):
+            serve(app, port)
+    assert capsys.readouterr().err == ""
 
 
 def test_serving_in_a_thread_answers_and_ends():

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
@@ -77,13 +77,26 @@ def page_url(app: Starlette, port: int) -> str:
 def serve(app: Starlette, port: int = 8765) -> None:
     """Serve ``app`` on 127.0.0.1 until interrupted; the address goes to standard error.
 
-    Raises ``ArgumentError`` for a port outside 1..65535, ``MissingExtraError`` without uvicorn and websockets.
+    Raises ``ArgumentError`` for a port outside 1..65535 or one that cannot be had, ``MissingExtraError`` without
+    uvicorn and websockets.
     """
     if isinstance(port, bool) or not isinstance(port, int) or not 1 <= port <= 65535:
         raise ArgumentError(f"port must be a whole number from 1 to 65535; got {port!r}")
     uvicorn = _uvicorn()
-    print(f"Open {page_url(app, port)}  (Ctrl-C ends)", file=sys.stderr, flush=True)
-    uvicorn.run(app, host=_HOST, port=port, **_options())
+    with _listening(port) as listener, suppress(KeyboardInterrupt):
+        print(f"Open {page_url(app, port)}  (Ctrl-C ends)", file=sys.stderr, flush=True)
+        uvicorn.Server(uvicorn.Config(app, **_options())).run([listener])
+
+
+@contextmanager
+def _listening(port: int) -> Iterator[socket.socket]:
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((_HOST, port))
+        except (OSError, OverflowError) as error:
+            raise ArgumentError(f"port {port} on {_HOST} cannot be had ({error}); choose another one") from error
+        yield listener
 
 
 @contextmanager
@@ -97,12 +110,7 @@ def serving(app: Starlette, port: int = 0) -> Iterator[str]:
     Raises ``ArgumentError`` where the port cannot be had, ``MissingExtraError`` without uvicorn and websockets.
     """
     uvicorn = _uvicorn()
-    with socket.socket() as listener:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listener.bind((_HOST, port))
-        except (OSError, OverflowError) as error:
-            raise ArgumentError(f"port {port} on {_HOST} cannot be had ({error}); choose another one") from error
+    with _listening(port) as listener:
         server = uvicorn.Server(uvicorn.Config(app, **_options()))
         thread = threading.Thread(target=server.run, args=([listener],), name="trigpoint-page", daemon=True)
         thread.start()
