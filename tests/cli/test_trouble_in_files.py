@@ -233,6 +233,25 @@ def test_an_interrupted_run_is_kept_and_said_to_be_short(tmp_path, monkeypatch) 
     file.write_text(NETWORK + "period = 0.1\nchannel = {loss = 0.1}\n", encoding="utf-8")
     monkeypatch.setattr("trigpoint.cli.simulating.tracked", ending)
     done = run("simulate", file, "--out", tmp_path / "run.npz")
-    assert done.exit_code == 0, done.stderr
+    assert done.exit_code == 130, done.stderr
     assert done.stderr == "interrupted: 6 of 11 samples are kept, up to 1 of 2 s\n"
     assert tp.load(tmp_path / "run.npz").times.tolist() == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+
+
+def test_an_error_that_grows_is_not_passed_over(tmp_path) -> None:
+    file = tmp_path / "s.toml"
+    drifting = NETWORK.replace("[-1, 0]", "[0, 0]")
+    file.write_text(drifting + "period = 0.01\nchannel = {loss = 0.1}\n", encoding="utf-8")
+    assert "grew" not in run("simulate", file, "--horizon", 20.0).stderr
+    done = run("simulate", file, "--gain", 0.01)
+    assert done.exit_code == 0
+    assert done.stderr.startswith("the error grew from ")
+
+
+def test_an_outage_of_what_is_no_link_is_a_slip(tmp_path) -> None:
+    file = tmp_path / "s.toml"
+    outage = 'channel = {outages = [{start = 0.5, stop = 1.0, links = [["0", "5"]]}]}\n'
+    file.write_text(NETWORK + "period = 0.1\n" + outage, encoding="utf-8")
+    done = run("simulate", file)
+    assert done.exit_code == 2
+    assert "an outage names the link 0 -> 5, but node 5 does not hear 0" in done.stderr

@@ -344,6 +344,10 @@ def test_values_beyond_the_span_are_clipped_and_bits_are_counted() -> None:
     assert (free.estimate[0, 1:] - runs[0].estimate[0, 1:] > 0.1).all()
 
 
+def through(outage: Outage) -> None:
+    run([1.0], period=0.1, channel=Channel(outages=(outage,)))
+
+
 def test_a_series_that_was_not_recorded_says_so() -> None:
     with pytest.raises(ArgumentError, match="did not record 'lambda_min'"):
         run([1.0])["lambda_min"]
@@ -359,6 +363,10 @@ def test_a_series_that_was_not_recorded_says_so() -> None:
         (lambda: Channel(outages=((1.0, 2.0),)), "outages must be a tuple of Outage"),
         (lambda: Bursts(0.0, 0.5), "begin of bursts must be a probability"),
         (lambda: Outage(2.0, 1.0), "an outage must stop after its start"),
+        (
+            lambda: run([1.0], period=0.1, channel=Channel(outages=(Outage(1.0, 2.0, ((0, 99),)),))),
+            "pairs of node indices below",
+        ),
         (lambda: Trigger(0.0), "a trigger needs size > 0"),
         (lambda: Clocks(0.0), "period of a clock must be positive"),
         (lambda: Clocks(phase=-1.0), "phase of a clock must be at least 0"),

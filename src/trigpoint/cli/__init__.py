@@ -10,9 +10,6 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "main"]
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
-
 
 def main() -> None:
     """Entry point of the ``trigpoint`` command; Ctrl-C while it still loads ends it without a traceback."""
@@ -20,7 +17,7 @@ def main() -> None:
         from trigpoint.cli.commands import app
     except KeyboardInterrupt:
         print("Aborted!", file=sys.stderr)  # what click says later on
-        sys.exit(INTERRUPTED)
+        sys.exit(130)  # as shells have it; shell.INTERRUPTED is not loaded yet
     app()
 
 

@@ -20,6 +20,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from trigpoint.errors import ArgumentError, TrigpointError
 
 HOLDS, FAILS, MISUSE, UNDECIDED = 0, 1, 2, 3
+INTERRUPTED = 130  # as shells have it
 
 _UNBOUNDED = 1_000_000  # columns: in a file or pipe no name is cut
 

@@ -15,7 +15,20 @@ from trigpoint.cli.choices import method_of
 from trigpoint.cli.compose import Estimating, Given, Stated, changed, instants, part_of, read_any, with_options
 from trigpoint.cli.designing import Gain, Margin, MaxNodes, MethodName, Rate, Weights, options_of, served
 from trigpoint.cli.places import placed
-from trigpoint.cli.shell import FAILS, HOLDS, Input, Json, Out, console, emit, ending, guarded, notice, tracked
+from trigpoint.cli.shell import (
+    FAILS,
+    HOLDS,
+    INTERRUPTED,
+    Input,
+    Json,
+    Out,
+    console,
+    emit,
+    ending,
+    guarded,
+    notice,
+    tracked,
+)
 from trigpoint.cli.trouble import trouble_of
 from trigpoint.estimation import estimate
 from trigpoint.graphs import MeasurementGraph
@@ -75,14 +88,20 @@ def simulate_command(
     if out is not None:
         _write(out, run, given, part)
     _warn(given, part)
-    if run.attributes.get("interrupted"):
+    if scenario.noise is None and run.error_norm[-1] > run.error_norm[0] > 0.0:
+        notice(
+            f"the error grew from {run.error_norm[0]:.4g} to {run.error_norm[-1]:.4g}: at this gain, period, delay or "
+            "loss the observer need not converge; 'trigpoint certify' says what is guaranteed"
+        )
+    interrupted = bool(run.attributes.get("interrupted"))
+    if interrupted:
         kept, asked = run.times.shape[0], scenario.times
         notice(f"interrupted: {kept} of {asked.shape[0]} samples are kept, up to {run.times[-1]:g} of {asked[-1]:g} s")
     if as_json:
         emit(facts(run, observer))
     else:
         _show(run, observer, given, out)
-    return HOLDS
+    return INTERRUPTED if interrupted else HOLDS
 
 
 def _section(
@@ -159,6 +178,7 @@ def facts(run: Run, observer: NetworkObserver) -> dict[str, Any]:
         "horizon": float(run.times[-1]),
         "messages": int(run.messages[-1].sum()),
         "nodes": len(run.names),
+        "interrupted": bool(run.attributes.get("interrupted")),
     }
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trigpoint.arrays import BoolArray, FloatArray, frozen
+from trigpoint.errors import ArgumentError
 from trigpoint.observers.assembled import AssembledObserver
 from trigpoint.observers.local import LocalObserver, LocalState, Message
 from trigpoint.simulation.channel import Channel, Trigger
@@ -88,6 +89,7 @@ class EventRun:
         ]  # fmt: skip
         self._position = {node.name: k for k, node in enumerate(observer.nodes)}
         links = [(self._position[name], k) for k, node in enumerate(observer.nodes) for name in node.hears]
+        _check_outages(self._channel, links, observer)
         self._wire = Wire(links, self._channel, self._rng, len(observer.nodes))
         for node in self._nodes:
             senders = [(name, self._nodes[self._position[name]]) for name in node.program.hears]
@@ -292,3 +294,15 @@ class EventRun:
 
     def _counts(self) -> list[list[int]]:
         return [list(table) for table in (self._wire.sent, self._wire.delivered, self._wire.bytes)]
+
+
+def _check_outages(channel: Channel, links: list[tuple[int, int]], observer: AssembledObserver) -> None:
+    """An outage of what is no link would be a slip that nobody notices."""
+    known = set(links)
+    for link in (link for outage in channel.outages for link in outage.links or () if link not in known):
+        if not all(0 <= node < len(observer.nodes) for node in link):
+            raise ArgumentError(f"links of an outage are pairs of node indices below {len(observer.nodes)}; got {link}")
+        sender, receiver = (observer.names[node] for node in link)
+        raise ArgumentError(
+            f"an outage names the link {sender} -> {receiver}, but node {receiver} does not hear {sender}"
+        )
