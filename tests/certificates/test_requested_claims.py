@@ -381,6 +381,10 @@ def test_observability_agrees_with_exact_ranks_on_drawn_pairs() -> None:
         (CovarianceBound(process=-1.0), "process must be a noise level"),
         (CovarianceBound(measurement=float("nan")), "measurement must be a noise level"),
         (NoiseBudget(-1.0), "mu must be a positive noise level"),
+        *((SampledStability(value), "period must be a positive number") for value in (np.nan, np.inf, -1.0, 0.0)),
+        (Convergence(np.nan), "rate must be a number"),
+        (Convergence(np.inf), "rate must be a number"),
+        (SwitchingStability(max_nodes=0), "max_nodes must be a whole number of at least 1"),
     ],
 )
 def test_numbers_that_make_no_claim_are_errors(claim, words) -> None:

@@ -296,6 +296,11 @@ def test_convert_reads_and_writes_gama(tmp_path: Path) -> None:
     assert json_of(result)["estimates"]["B"]["value"] == [pytest.approx(11.5)]
 
 
+def test_convert_makes_no_network_of_a_run(network: Path, tmp_path: Path) -> None:
+    trigpoint("simulate", network, "--horizon", 1, "--out", tmp_path / "run.npz")
+    refused(trigpoint("convert", tmp_path / "run.npz", tmp_path / "t.csv"), "holds a recorded run", ".npz, .nc, .zarr")
+
+
 def test_convert_writes_no_scenario(network: Path, tmp_path: Path) -> None:
     refused(trigpoint("convert", network, tmp_path / "t.toml"), "written by hand")
     refused(trigpoint("convert", network, tmp_path / "t.docx"), ".docx")

@@ -195,6 +195,8 @@ def _checked(
         raise ArgumentError(f"problem must be NetworkedAgents; got {type(problem).__name__}")
     if problem.graph.dimension > 1:
         raise ArgumentError("noise_budget is for scalar arc weights")
+    if not isinstance(gain, int | float | np.number):
+        raise ArgumentError(f"gain must be a number, such as an observer's gain; got {type(gain).__name__}")
     if not (np.isfinite(gain) and gain > 0.0):
         raise ArgumentError(f"gain must be a positive number; got {gain}")
     agent = problem.agent

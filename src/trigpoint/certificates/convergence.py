@@ -17,6 +17,7 @@ from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.decrease import gain_range, mode_decreases, network_ball
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.certificates.statics import largest_eigenvalue_by_degrees
+from trigpoint.errors import ArgumentError
 from trigpoint.linalg.balls import Ball, decays
 from trigpoint.linalg.fine import Fine
 from trigpoint.linalg.verified import is_positive_definite
@@ -59,6 +60,8 @@ class Convergence(Claim):
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
         """Choose P = Q^-1 from the design's facts and prove the rate, or fall short of it by up to one part in 1e3."""
+        if self.rate is not None and not np.isfinite(self.rate):
+            raise ArgumentError(f"rate must be a number of 1/s; got {self.rate}")
         if isinstance(observer, AssembledObserver):
             return self._check_programs(observer)
         if not isinstance(observer, DiffusiveObserver):

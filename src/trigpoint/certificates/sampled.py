@@ -14,7 +14,7 @@ from trigpoint.certificates import equal_programs, programs
 from trigpoint.certificates.base import Claim, number, witness
 from trigpoint.certificates.smallest_eigenvalue import proved_floor
 from trigpoint.certificates.statics import largest_eigenvalue_upper, static_pull
-from trigpoint.errors import ProtocolError
+from trigpoint.errors import ArgumentError, ProtocolError
 from trigpoint.graphs import MeasurementGraph
 from trigpoint.linalg.balls import Ball, contracts, transition_and_integral
 from trigpoint.linalg.equations import near_singular_allowed
@@ -59,6 +59,8 @@ class SampledStability(Claim):
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:  # noqa: ARG002
         """Static agents by their averages, the others by a Lyapunov matrix of the whole step."""
+        if self.period is not None and not 0.0 < self.period < np.inf:
+            raise ArgumentError(f"period must be a positive number of seconds; got {self.period}")
         period = self.period or (observer.period if isinstance(observer, AssembledObserver) else None)
         if period is None:
             return self._record("inconclusive", 0.0, 0.0, {}, "no period was given")

@@ -77,6 +77,8 @@ class SwitchingStability(Claim):
 
     def check(self, problem: Problem, observer: NetworkObserver) -> ClaimRecord:
         """The rate follows from the design's own P, or from one that is computed for the range."""
+        if self.max_nodes is not None and self.max_nodes < 1:
+            raise ArgumentError(f"max_nodes must be a whole number of at least 1; got {self.max_nodes}")
         if not isinstance(observer, DiffusiveObserver) or observer.graph.dimension > 1:
             return self._record("inconclusive", (0.0, 0.0, 0.0, 0.0), None, "not equal agents with scalar weights")
         if self.max_nodes is not None:

@@ -11,7 +11,10 @@ from trigpoint.cli.reporting import is_log
 from trigpoint.cli.shell import HOLDS, Json, console, emit, guarded
 from trigpoint.errors import FileFormatError
 from trigpoint.io import ScenarioFile, load, save
+from trigpoint.observers import Run
 from trigpoint.runtime import read_run
+
+_RUNS = (".npz", ".nc", ".zarr")
 
 
 @guarded
@@ -30,6 +33,8 @@ def convert(
         if loaded.network is None:
             raise FileFormatError(source, "states a [plant], which is no network to convert")
         loaded = loaded.network
+    if isinstance(loaded, Run) and target.suffix.lower() not in _RUNS:
+        raise FileFormatError(source, f"holds a recorded run: convert writes it as {', '.join(_RUNS)}")
     save(loaded, target)
     if as_json:
         emit({"from": str(source), "to": str(target)})

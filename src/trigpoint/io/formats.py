@@ -86,7 +86,7 @@ def _attributed(write: Callable[[Network | MeasurementGraph], str]) -> Callable[
 
 def _of_type(data: Any, wanted: type[Network]) -> Network:
     if not isinstance(data, wanted):
-        raise ArgumentError(f"got a {type(data).__name__}, expected a Network or a MeasurementGraph to save")
+        raise ArgumentError(f"this format holds a Network or a MeasurementGraph; got a {type(data).__name__}")
     return data
 
 

@@ -310,6 +310,7 @@ def test_a_topology_without_anchor_still_knows_the_relative_states() -> None:  #
         (lambda: gain_interval(1.5, 1.0), "mu must be a noise level"),
         (lambda: noise_budget("chain", 1.0), "problem must be NetworkedAgents"),
         (lambda: noise_budget(tp.NetworkedAgents(tp.graphs.chain(3), PLANAR), -1.0), "gain must be a positive number"),
+        (lambda: noise_budget(tp.graphs.chain(3), "2"), "gain must be a number, such as an observer's gain; got str"),
         (lambda: noise_budget(tp.NetworkedAgents(tp.graphs.cycle(3), PLANAR), 1.0), "a path from every node"),
         (
             lambda: noise_budget(tp.NetworkedAgents(tp.graphs.chain(3), tp.LinearAgent([[1.0]], [[1.0]])), 0.1),
