@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -12,11 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from tests.cli.shelled import MAIN, trigpoint
 from tests.machine import PATIENCE, until, with_time
 from tests.runtime.living import CHAIN, log_so_far, ports_of_our_own, runs
+from trigpoint.cli import running as running_module
 from trigpoint.cli.live import seconds_of
+from trigpoint.cli.nodes import node_command
 from trigpoint.cli.recorder import Recorder
 from trigpoint.errors import ArgumentError
 from trigpoint.runtime import LINK_FIELDS, STATUS_FIELDS, Snapshot, State, parse_address, read_log, read_settings
@@ -194,6 +198,28 @@ def test_a_node_that_cannot_run_is_told_by_the_exit_code(scenario, tmp_path):
     assert facts["restarts"] >= 1
     assert "2" in facts["silent"]
     assert facts["final_error"] is None  # not everybody was ever known
+
+
+def test_the_log_of_an_earlier_run_is_kept(scenario, capsys):
+    log = scenario.parent / "run.mcap"
+    for number in (1, 2):
+        log.write_text(f"run {number}", encoding="utf-8")
+        running_module._set_aside(log)
+        assert capsys.readouterr().err == f"the log of an earlier run is kept as run-{number}.mcap\n"
+    running_module._set_aside(log)
+    kept = {path.name: path.read_text(encoding="utf-8") for path in scenario.parent.glob("*.mcap")}
+    assert kept == {"run-1.mcap": "run 1", "run-2.mcap": "run 2"}
+
+
+def test_a_node_says_on_a_terminal_where_it_listens_and_whom_it_hears(scenario, tmp_path, monkeypatch, capsys):
+    trigpoint("run", scenario, "--prepare", tmp_path / "files")
+    monkeypatch.setattr("trigpoint.cli.nodes.run_nodes", lambda *_, **__: None)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with pytest.raises(typer.Exit):
+        node_command([tmp_path / "files" / "settings" / "node-1.json"])
+    assert re.fullmatch(
+        r"node 1 listens on unixsock-stream/\S+ and hears 0, 2; Ctrl-C ends it\n", capsys.readouterr().err
+    )
 
 
 def test_nothing_runs_where_no_observer_exists(tmp_path):

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 from tests.cli.shelled import refused, trigpoint
 from tests.machine import PATIENCE, free_port, until
 from trigpoint import graphs
-from trigpoint.cli.watching import feed_of, links_of
+from trigpoint.cli.watching import attached, feed_of, links_of
 from trigpoint.dashboard import STATES, decode_moment
 from trigpoint.errors import ArgumentError, FileFormatError
 from trigpoint.io import save
@@ -176,6 +176,34 @@ def test_a_run_that_goes_on_is_watched_from_outside_and_replayed_when_it_is_over
                 process.communicate()
     assert feed_of(out, None).topology()["mode"] == "replay"
     assert not running(out)
+
+
+def test_nodes_that_were_started_by_hand_are_watched_from_their_folder(tmp_path):
+    """Nobody looks after them, and no status or log lies there: the page follows whoever is heard."""
+    file, folder, plain = tmp_path / "three.toml", tmp_path / "files", {"stdout": subprocess.DEVNULL}
+    file.write_text(SCENARIO, encoding="utf-8")
+    assert trigpoint("run", file, "--prepare", folder).exit_code == 0
+    program = "import sys; sys.argv[0] = 'trigpoint'; from trigpoint.cli import main; main()"
+    settings = sorted((folder / "settings").glob("node-*.json"))
+    commands = [[sys.executable, "-c", program, "node", str(one)] for one in settings]
+    commands.append([sys.executable, "-m", "trigpoint.runtime", "plant", str(folder / "settings" / "plant.json")])
+    started = []
+    try:
+        started += [subprocess.Popen(command, **plain) for command in commands]
+        with attached(folder) as feed:
+
+            def states():
+                feed.absorb(feed._source())
+                return [STATES[int(state)] for state in decode_moment(feed.frame(0)).state]
+
+            assert until(lambda: states() == ["anchored"] * 3)
+            started[0].kill()
+            assert until(lambda: states()[1:] == ["relative"] * 2)  # its anchor is gone, and that is all
+            assert feed.ended is None
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
 
 
 def page_at(port, token):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -85,7 +86,12 @@ def node_command(
         raise ArgumentError(f"{given[0]} belongs to --new NAME" + (" or --gone NAME" if given[0] in _BOTH else ""))
     if not files:
         raise ArgumentError("name the settings of a node (run --prepare writes them), or a new one with --new NAME")
-    run_nodes([_changed(file, listen, peer or [], len(files), allow_plain=allow_plain) for file in files], tied=False)
+    settings = [_changed(file, listen, peer or [], len(files), allow_plain=allow_plain) for file in files]
+    if sys.stderr.isatty():
+        for one, _ in settings:
+            heard = ", ".join(one.program.hears) or "nobody"
+            notice(f"node {one.name} listens on {one.listen} and hears {heard}; Ctrl-C ends it")
+    run_nodes(settings, tied=False)
     return HOLDS
 
 

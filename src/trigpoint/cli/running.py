@@ -7,6 +7,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -57,7 +58,8 @@ def run_command(
 ) -> int:
     """Run the network: one process a node, talking to its neighbours only; the plant is simulated beside them.
 
-    Writes run.mcap beside the scenario, or with --out DIR there, together with settings, outputs and status.json.
+    Writes run.mcap beside the scenario, or with --out DIR there, together with settings, outputs and status.json. The
+    log of an earlier run there is kept as run-1.mcap, and so on.
     Ctrl-C ends it in order. Exit code 1: a node did not run, was not heard, or was not anchored, at the end.
     With --readings it ends when the record does, or --for later.
     """
@@ -89,6 +91,7 @@ def run_command(
             return _prepared(plan, as_json)
         log = (file.parent if out is None else out) / "run.mcap"
         record = None if readings is None else _recorded(readings, speed, log, plan, designed)
+        _set_aside(log)
         live = LiveRun(plan, None) if record is None else replayed(record, plan)
         live.observer = designed.programs
         live.keep(log_of(plan, log))  # only now: where the links cannot be opened, no log is left behind
@@ -139,6 +142,14 @@ def _prepared(plan: LivePlan, as_json: bool) -> int:
             screen.print(f"{node.name}: trigpoint node {files[node.name]}   (listens on {node.listen})")
         screen.print(f"plant: python -m trigpoint.runtime plant {plan.plant_file}")
     return HOLDS
+
+
+def _set_aside(log: Path) -> None:
+    """The log of an earlier run is kept, under the first number that is free."""
+    if log.is_file():
+        kept = next(name for k in count(1) if not (name := log.with_name(f"{log.stem}-{k}{log.suffix}")).exists())
+        log.rename(kept)
+        notice(f"the log of an earlier run is kept as {kept.name}")
 
 
 def _recorded(path: Path, speed: float, log: Path, plan: LivePlan, designed: Design) -> Record:

@@ -44,10 +44,10 @@ def watch(
 ) -> int:
     """Show a run in the browser, from this machine only. Ends with Ctrl-C.
 
-    The folder of a run that goes on (run --out DIR) is followed live, by a guest that only hears; orders are for
-    run --watch. Everything else is replayed.
+    The folder of a run that goes on (run --out DIR), or of nodes that were started by hand (run --prepare DIR), is
+    followed live, by a guest that only hears; orders are for run --watch. Everything else is replayed.
     """
-    goes_on = file.is_dir() and network is None and running(file)
+    goes_on = file.is_dir() and network is None and (running(file) or _by_hand(file))
     with attached(file) if goes_on else nullcontext(feed_of(file, network)) as feed:
         app = live_app(feed)
         if as_json:
@@ -164,6 +164,12 @@ def anchored_by(programs: Sequence[LocalObserver]) -> list[str]:
     return [program.name for program in programs if any(not arc.heard for arc in program.arcs)]
 
 
+def _by_hand(folder: Path) -> bool:
+    """Whether it is the ``folder`` of ``run --prepare``, where nobody looks after the nodes: they may run or not."""
+    over = any((folder / name).exists() for name in ("status.json", "run.mcap"))
+    return (folder / VIEWER_FILE).is_file() and not over
+
+
 @contextmanager
 def attached(folder: Path) -> Iterator[LiveFeed]:
     """The feed of the run that goes on in ``folder``, heard by a monitor of its own that only listens."""
@@ -172,7 +178,7 @@ def attached(folder: Path) -> Iterator[LiveFeed]:
     programs = [node.program for node in nodes]
     monitor = Monitor(transport, viewer.network, programs, SystemClock(), viewer.motions)
     arrivals = Arrivals((folder / VIEWER_FILE).parent, nodes, monitor, opener("monitor", viewer.identity))
-    looked, welcome = 0.0, _Welcome(arrivals, nodes)
+    looked, welcome, alone = 0.0, _Welcome(arrivals, nodes), _by_hand(folder)
 
     def snapshot() -> Snapshot:
         nonlocal looked  # when the status was read
@@ -183,7 +189,7 @@ def attached(folder: Path) -> Iterator[LiveFeed]:
             feed.note(f"{name}: joined the run", found.names.index(name))
         if found.time - looked >= _LOOK:
             looked = found.time
-            if feed.ended is None and not running(folder):
+            if feed.ended is None and not alone and not running(folder):
                 feed.end(_OVER)
         return found
 
