@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -36,15 +37,15 @@ TRUE = 7.0
 def address(kind: str, plan) -> str:
     if kind == "unixsock":
         return plan.nodes[0].listen.rpartition("/")[0] + "/new.sock"
-    return f"{kind}/127.0.0.1:{free_port()}"
+    return f"{kind}/127.0.0.1:{free_port(socket.SOCK_DGRAM if kind == 'quic' else socket.SOCK_STREAM)}"
 
 
-@pytest.mark.parametrize("kind", ["unixsock", pytest.param("tls", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["unixsock", *(pytest.param(one, marks=pytest.mark.slow) for one in ("tls", "quic"))])
 def test_a_newcomer_finds_its_state_and_its_neighbours_keep_theirs(tmp_path, kind):
     """Beside the nodes 0 and 2; a sensor of its own publishes both readings to all three."""
     with living(CHAIN, tmp_path, transport=kind) as live:
         until(live, lambda: everybody_heard(live) and off(live) < 0.05)
-        folder, secured = live.plan.folder / "settings", kind == "tls"
+        folder, secured = live.plan.folder / "settings", kind != "unixsock"
         if secured:
             keys = live.plan.folder / "keys"
             assert trigpoint("keys", "--name", "new", "--guest", "level=sensor", "--out", keys).exit_code == 0
