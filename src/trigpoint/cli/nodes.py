@@ -87,12 +87,16 @@ def node_command(
     if not files:
         raise ArgumentError("name the settings of a node (run --prepare writes them), or a new one with --new NAME")
     settings = [_changed(file, listen, peer or [], len(files), allow_plain=allow_plain) for file in files]
-    if sys.stderr.isatty():
-        for one, _ in settings:
-            heard = ", ".join(one.program.hears) or "nobody"
-            notice(f"node {one.name} listens on {one.listen} and hears {heard}; Ctrl-C ends it")
+    _say_where([one for one, _ in settings])
     run_nodes(settings, tied=False)
     return HOLDS
+
+
+def _say_where(settings: list[NodeSettings]) -> None:
+    """For whoever sits before a terminal: a node says nothing else while all is well."""
+    for one in settings if sys.stderr.isatty() else ():
+        heard = ", ".join(one.program.hears) or "nobody"
+        notice(f"node {one.name} listens on {one.listen} and hears {heard}; Ctrl-C ends it")
 
 
 def _changed(

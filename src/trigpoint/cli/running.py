@@ -58,8 +58,8 @@ def run_command(
 ) -> int:
     """Run the network: one process a node, talking to its neighbours only; the plant is simulated beside them.
 
-    Writes run.mcap beside the scenario, or with --out DIR there, together with settings, outputs and status.json. The
-    log of an earlier run there is kept as run-1.mcap, and so on.
+    Writes run.mcap beside the scenario, or with --out DIR there, with settings, outputs and status.json. An earlier log
+    is kept as run-1.mcap, and so on.
     Ctrl-C ends it in order. Exit code 1: a node did not run, was not heard, or was not anchored, at the end.
     With --readings it ends when the record does, or --for later.
     """
@@ -69,9 +69,7 @@ def run_command(
         raise ArgumentError("--prepare runs nothing; leave --readings out")
     seconds = None if duration is None else seconds_of(duration)
     given = read_any(file)
-    section = changed_run(
-        given.run, rate=rate, transport=transport, agents_per_process=agents_per_process
-    )  # fmt: skip
+    section = changed_run(given.run, rate=rate, transport=transport, agents_per_process=agents_per_process)
     choices = changed(given.design)
     part = part_of(given, choices)
     diagnosis = diagnose(part.problem)
