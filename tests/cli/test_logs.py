@@ -35,7 +35,7 @@ def test_convert_makes_a_recorded_run(tmp_path: Path) -> None:
     assert trigpoint("report", tmp_path / "run.npz").exit_code == 0
     refused = trigpoint("convert", path, tmp_path / "run.csv")
     assert refused.exit_code == 2
-    assert "got a Run" in refused.stderr
+    assert "holds a recorded run: convert writes it as .npz, .nc, .zarr" in refused.stderr
 
 
 def test_load_says_how_a_log_is_read(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from tests.cli.shelled import MAIN, trigpoint
 from tests.runtime.living import CHAIN, anchored, designed, everybody_heard, living, until
 from trigpoint.cli.live import facts_of, holds, log_of
 from trigpoint.cli.watching import attached, feed_of
-from trigpoint.runtime import read_log, run_of
+from trigpoint.runtime import Kind, read_log, run_of
 
 
 def told_links(live, node: int) -> list[str]:
@@ -39,6 +39,8 @@ def test_who_joins_is_seen_and_logged_and_who_leaves_is_forgotten(tmp_path):
         labels = ("--label", 30, "--label", 31)
         assert trigpoint("node", "--new", "new", *beside, *labels, "--listen", place).exit_code == 0
         told_again(live, "02")
+        heard = []
+        live.monitor.hooks.append(lambda frame, _: heard.append(frame.kind) if frame.sender == "new" else None)
         with attached(tmp_path / "out") as feed, subprocess.Popen(
             [sys.executable, "-c", MAIN, "node", str(folder / "new.json")]
         ) as process:  # fmt: skip
@@ -47,6 +49,7 @@ def test_who_joins_is_seen_and_logged_and_who_leaves_is_forgotten(tmp_path):
                 until(live, lambda: told_links(live, 0) == ["1", "new"] and told_links(live, 3) == ["0", "2"])
                 until(live, lambda: followed(feed) and "new" in feed.names)
                 until(live, lambda: followed(feed) and np.isfinite(feed._snapshot.age).all())
+                until(live, lambda: heard.count(Kind.ESTIMATE) > 3)
             finally:
                 process.send_signal(signal.SIGTERM)
                 assert process.wait(30) == 0
