@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import scipy.linalg as la
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trigpoint.graphs import chain, cycle
+import trigpoint as tp
+from trigpoint.errors import ArgumentError
+from trigpoint.graphs import MeasurementGraph, chain, cycle
 from trigpoint.methods import Fixed, LocalKalman, design
 from trigpoint.model import LinearAgent, NetworkedAgents
 from trigpoint.simulation import Noise, Scenario, simulate, stacked
@@ -184,3 +188,26 @@ def test_messages_are_counted_once_a_neighbour(observer) -> None:
     graph = observer.graph
     told = [graph.neighbours(node).shape[0] for node in range(graph.n_nodes)]
     assert run.messages[-1].tolist() == [5 * count for count in told]
+
+
+def test_the_reference_path_is_as_exact_at_outputs_as_at_its_steps() -> None:
+    """A stiff network whose outputs lie between long steps; interpolated, they were 1e-8 off."""
+    graph = MeasurementGraph(3, [-1, 0, -1, -1, 0, -1], [0, 1, 2, 1, 1, 0], weight=[1.0, 1.0, 0.1, 1.0, 1.0, 10.0])
+    problem = tp.NetworkedAgents(graph, tp.LinearAgent([[0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0]]))
+    observer = tp.design(problem, tp.methods.LocalKalman(tp.FromGraph(1.5)))
+    times = np.array([0.0, 0.25, 1.0]) / abs(observer.spectral_abscissa)
+    start, error = np.random.default_rng(2).normal(size=(2, 6))
+    stacked, reference = (
+        tp.simulate(problem, observer, tp.Scenario(times, error, start, path=path)) for path in ("stacked", "reference")
+    )
+    np.testing.assert_allclose(
+        reference.estimate, stacked.estimate, rtol=0.0, atol=1e-10 * np.abs(stacked.estimate).max()
+    )
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_programs_that_leave_all_numbers_are_told_when() -> None:
+    problem = tp.NetworkedAgents(tp.graphs.chain(2), tp.LinearAgent.static())
+    growing = dataclasses.replace(tp.design(problem, tp.methods.LocalKalman()), gain=-900.0)
+    with pytest.raises(ArgumentError, match=r"the programs could not be integrated beyond 0\.\d+ s: "):
+        tp.simulate(problem, growing, tp.Scenario([0.0, 1.0], 1.0, path="reference"))

@@ -80,20 +80,19 @@ def _continuous_reference(observer: AssembledObserver, world: World, scenario: S
             ]
         )
 
-    first = np.concatenate(start.values)
-    scale = max(float(np.abs(first).max(initial=0.0)), float(np.abs(start.truth).max(initial=0.0)), 1e-300)
-    solution = solve_ivp(
-        slope,
-        (0.0, float(scenario.times[-1]) or 1.0),
-        first,
-        method="DOP853",
-        t_eval=scenario.times,
-        rtol=_TOLERANCE,
-        atol=_TOLERANCE * scale,
-    )
+    value = np.concatenate(start.values)
+    scale = max(float(np.abs(value).max(initial=0.0)), float(np.abs(start.truth).max(initial=0.0)), 1e-300)
+    values, now = [], 0.0
+    for time in scenario.times.tolist():
+        if time > now:  # up to each output itself: what lies between two steps is interpolated, some digits worse
+            solution = solve_ivp(slope, (now, time), value, method="DOP853", rtol=_TOLERANCE, atol=_TOLERANCE * scale)
+            if not solution.success:
+                raise ArgumentError(
+                    f"the programs could not be integrated beyond {solution.t[-1]:g} s: {solution.message}"
+                )
+            value, now = solution.y[:, -1], time
+        values.append(value)
     truths = [world.advance(start.truth, time) for time in scenario.times.tolist()]
-    estimates = [
-        estimates_of(observer, value, world.read(truth)) for truth, value in zip(truths, solution.y.T, strict=True)
-    ]
+    estimates = [estimates_of(observer, value, world.read(truth)) for truth, value in zip(truths, values, strict=True)]
     shown = np.stack([padded(world.shown(truth)) for truth in truths])
     return shown, np.stack(estimates), np.zeros(shown.shape[:2], dtype=np.int64)
